@@ -1,5 +1,7 @@
 """Materials of a body of two layers, and how they make it of a skin: springs, gas, barriers, all at rest."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -19,7 +21,11 @@ BETWEEN = ("inner_", "gap_", "radius_", "shear_", "barrier_")
 
 @dataclass(frozen=True, kw_only=True)
 class TwoLayers:
-    """Materials of a ring or a sphere. Pressures of the flat ring are in N/m."""
+    """Materials of a ring or a sphere. Pressures of the flat ring are in N/m.
+
+    Stiffnesses and the barriers' energy are those of a mesh of `nodes` nodes a layer. On another mesh they are scaled,
+    so that the object remains as stiff (`crowded`).
+    """
 
     radius: float = 0.1
     """Radius of the outer layer, m."""
@@ -60,6 +66,8 @@ class TwoLayers:
     """Pressure of the gas between the layers at rest, Pa above that outside; zero for none."""
     barrier_energy: float = 0.02
     """Scale of the barrier that keeps an inner node behind an outer face, J."""
+    nodes: int
+    """Nodes of a layer for which the stiffnesses and the energy are given."""
 
     def __post_init__(self):
         for name, value in vars(self).items():
@@ -72,6 +80,19 @@ class TwoLayers:
                 raise ValueError(f"{name} is {value!r}; give a finite, positive number{' or zero' * zero}{none}")
         if not self.inner_radius < self.radius:
             raise ValueError(f"inner_radius is {self.inner_radius} m; give less than the radius, {self.radius} m")
+
+    def crowded(self, count: int, flat: bool) -> TwoLayers:
+        """The materials of a mesh of `count` nodes a layer.
+
+        Radius springs and barriers act side by side, and share what they bear. Springs along a line are in a row, and
+        so are the shear springs, which lean less the closer the nodes are; on a surface both effects balance.
+        """
+        along, share = count / self.nodes if flat else 1.0, self.nodes / count
+        return replace(
+            self, nodes=count, stiffness=along * self.stiffness, inner_stiffness=along * self.inner_stiffness,
+            shear_stiffness=along * self.shear_stiffness, radius_stiffness=share * self.radius_stiffness,
+            barrier_energy=share * self.barrier_energy,
+        )  # fmt: skip
 
     def damping_times(self) -> tuple[float, ...]:
         """Damping over stiffness, s, of each kind of spring, in the order of `skins.KINDS`."""
@@ -136,6 +157,7 @@ def natural_lengths(length, pull, stiffness) -> np.ndarray:
 
 def one_layer(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -> tuple[Body, dict[str, slice], Skin]:
     """A body at rest of the outer skin alone, filled with gas: what two layers are compared with (ch. 1.5, 2.1)."""
+    chosen = chosen.crowded(len(skin.place), skin.faces.shape[1] == 2)
     position = chosen.radius * skin.place
     stiffness = chosen.stiffness * factor * np.ones(len(skin.edges))
     length = np.linalg.norm(position[skin.edges[:, 1]] - position[skin.edges[:, 0]], axis=1)
@@ -152,6 +174,7 @@ def one_layer(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -
 def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -> tuple[Body, dict[str, slice], Skin]:
     """A body at rest of an outer skin and its inner copy, joined by springs; factor (E,) on those along the edges."""
     n, count, flat = len(skin.place), len(skin.edges), skin.faces.shape[1] == 2
+    chosen = chosen.crowded(n, flat)
     pairs, kinds = layer_springs(skin)
     radii = np.repeat([chosen.radius, chosen.inner_radius], n)
     position = radii[:, None] * np.tile(skin.place, (2, 1))

@@ -30,16 +30,18 @@ class Layered(InRoom):
 
 
 RING = TwoLayers(
-    mass=0.24, inner_mass=0.12, stiffness=200.0, inner_stiffness=150.0, radius_stiffness=150.0, shear_stiffness=40.0,
-    pressure=45.0, gap_pressure=30.0, barrier_energy=0.5,
+    nodes=12, mass=0.24, inner_mass=0.12, stiffness=200.0, inner_stiffness=150.0, radius_stiffness=150.0,
+    shear_stiffness=40.0, pressure=45.0, gap_pressure=30.0, barrier_energy=0.5,
 )  # fmt: skip
 SPHERE = TwoLayers(
-    mass=0.3, inner_mass=0.15, stiffness=75.0, inner_stiffness=50.0, radius_stiffness=40.0, shear_stiffness=10.0,
-    pressure=600.0, gap_pressure=400.0, barrier_energy=0.05,
+    nodes=66, mass=0.3, inner_mass=0.15, stiffness=75.0, inner_stiffness=50.0, radius_stiffness=40.0,
+    shear_stiffness=10.0, pressure=600.0, gap_pressure=400.0, barrier_energy=0.05,
 )  # fmt: skip
 
 
-GLOBE = replace(SPHERE, stiffness=150.0, inner_stiffness=100.0, barrier_energy=0.3)  # few springs carry the pressure
+GLOBE = replace(
+    SPHERE, nodes=86, stiffness=150.0, inner_stiffness=100.0, barrier_energy=0.3,  # few springs carry the pressure
+)  # fmt: skip
 
 
 @representable("the string")
@@ -120,7 +122,7 @@ def make_uniform_sphere(level=2, correction=True, layers=2, **materials) -> Laye
 
     Args:
         level: 0 to 3.
-        correction: whether springs around the six nodes with 4 neighbours are stiffer, so that the ball stays round
+        correction: whether springs are as stiff as their places need, so that the ball stays round under any pressure
             (`skins.even_factors`).
         layers: 2, or 1 for the outer layer alone, filled with gas at `pressure`.
         materials: fields of `TwoLayers`; those not given are those of SPHERE.
@@ -129,7 +131,7 @@ def make_uniform_sphere(level=2, correction=True, layers=2, **materials) -> Laye
         ValueError: naming the argument, its value, and what is allowed.
     """
     skin = octasphere(whole(level, "level", 0, FINEST))
-    factor = even_factors(skin.edges) if correction else np.ones(len(skin.edges))
+    factor = even_factors(skin) if correction else np.ones(len(skin.edges))
     return layered_object("uniform sphere", skin, layers, SPHERE, materials, (0.0, 0.0, -1.0), factor)
 
 

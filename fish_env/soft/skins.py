@@ -8,6 +8,7 @@ from fish_env.soft.elements import make_compartments
 from fish_env.soft.volume import volume_of
 
 BALANCED = 1e-10  # of the load, that the tensions may leave unbalanced at a node
+NEARBY = np.radians(30.0)  # seen from the centre
 KINDS = ("outer", "inner", "radius", "shear left", "shear right")
 """The springs of a two-layered body, in their order: structural ones of each layer, and three kinds between them."""
 
@@ -98,16 +99,18 @@ def layer_springs(skin: Skin) -> tuple[np.ndarray, dict[str, slice]]:
 
 
 def barrier_pairs(skin: Skin) -> tuple[np.ndarray, np.ndarray]:
-    """Outer triangles (K,3), or edges (K,2), that a barrier keeps an inner node (K,) behind: a face, each partner."""
-    n = len(skin.place)
-    if skin.faces.shape[1] == 2:
-        return np.concatenate([skin.faces, skin.faces]), skin.faces.T.ravel() + n
-    found = []
-    for p, q, r, s in skin.faces.tolist():
-        for triangle in [(p, q, r)] if r == s else [(p, q, r), (r, s, p)]:
-            found += [(*triangle, node + n) for node in dict.fromkeys((p, q, r, s))]
-    barriers = np.array(found)
-    return barriers[:, :3], barriers[:, 3]
+    """Outer triangles (K,3), or edges (K,2), that a barrier keeps an inner node (K,) behind.
+
+    They are those with a corner next to the node's partner, or at most NEARBY from it: in an impact, nodes of a fine
+    mesh pass the faces beside their own first.
+    """
+    n, faces, (a, b) = len(skin.place), skin.faces, skin.edges.T
+    if faces.shape[1] > 2:
+        faces = np.concatenate([faces[:, :3], faces[faces[:, 2] != faces[:, 3]][:, [2, 3, 0]]])
+    near = skin.place @ skin.place.T >= np.cos(NEARBY) - 1e-9
+    near[a, b] = near[b, a] = True
+    node, face = np.nonzero(near[:, faces].any(axis=2))
+    return faces[face], node + n
 
 
 def tensions(skin: Skin) -> np.ndarray:
@@ -133,21 +136,12 @@ def tensions(skin: Skin) -> np.ndarray:
     return pull
 
 
-def even_factors(edges: np.ndarray) -> np.ndarray:
-    """Factors (E,) on the stiffness of edges whose sum is 6 at every node, whatever the number of its neighbours.
+def even_factors(skin: Skin) -> np.ndarray:
+    """Factors (E,) of mean 1 on the stiffness of edges, with which more pressure makes a ball larger and no less round.
 
-    A node with 4 neighbours is as stiff as one with 6 (ch. 3.5.3), yet both ends of a spring pull equally: the
-    factor of an edge is the product of a number for each end, found by balancing (Sinkhorn & Knopp 1967).
-
-    Raises:
-        ValueError: if the iteration does not converge, as for nodes of which one has a single neighbour.
+    Each is in proportion to the tension over the length: then all strains are equal. Song multiplies the forces on a
+    node with n neighbours by 6/n (ch. 3.5.3).
     """
-    a, b = edges.T
-    share = np.sqrt(6.0 / np.bincount(edges.ravel()))
-    for _ in range(1000):
-        around = np.bincount(a, share[b], share.size) + np.bincount(b, share[a], share.size)
-        wanted = 6.0 / around
-        if np.abs(wanted / share - 1.0).max() < 1e-14:
-            return share[a] * share[b]
-        share = np.sqrt(share * wanted)
-    raise ValueError("the stiffness cannot be evened; give a closed surface")
+    ends = skin.place[skin.edges]
+    factor = tensions(skin) / np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return factor / factor.mean()

@@ -112,9 +112,7 @@ INTEGRATORS: dict[str, Integrator] = {
         ),
         Integrator("symplectic_euler", 1, "explicit", 1, 0, 0, HAIRER, runge_kutta.SYMPLECTIC_EULER, limits.LEAPFROG),
         Integrator("rk4", 4, "explicit", 4, 0, 0, f"Kutta 1901; {SONG}", runge_kutta.RK4, limits.RK4),
-        Integrator(
-            "explicit_euler", 1, "explicit", 1, 0, 0, SONG, runge_kutta.EULER, limits.EULER
-        ),
+        Integrator("explicit_euler", 1, "explicit", 1, 0, 0, SONG, runge_kutta.EULER, limits.EULER),
         Integrator("midpoint", 2, "explicit", 2, 0, 0, SONG, runge_kutta.MIDPOINT, limits.MIDPOINT),
         Integrator("leapfrog_chebyshev", 1, "stabilised", 0, 0, 0, CARLE, leapfrog_chebyshev, limits.STABILISED),
         Integrator("linearly_implicit", 1, IMPLICIT, 1, 1, 1, BARAFF, f"{SOFT}.rosenbrock:EULER"),

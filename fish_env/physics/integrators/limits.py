@@ -121,7 +121,11 @@ def polynomial(*coefficients: float) -> Limit:
     return limit
 
 
-LEAPFROG, LAGGED, STABILISED = filtered(4.0), filtered(4.0, 2.0), filtered(leapfrog_chebyshev.polynomial(MOST_STAGES)[3] / SAFETY)
+LEAPFROG, LAGGED, STABILISED = (
+    filtered(4.0),
+    filtered(4.0, 2.0),
+    filtered(leapfrog_chebyshev.polynomial(MOST_STAGES)[3] / SAFETY),
+)
 EULER, MIDPOINT, RK4 = polynomial(1.0, 1.0), polynomial(0.5, 1.0, 1.0), polynomial(1 / 24, 1 / 6, 0.5, 1.0, 1.0)
 
 

@@ -4,10 +4,11 @@ A barrier acts once the tetrahedron (on a ring, the triangle) between an outer f
 of its volume at rest. Its energy rises as a logarithm with two continuous derivatives, and below STEEP as the parabola
 that continues it. The stiffness is therefore bounded, and a stable step exists. A logarithm down to zero would stop
 every node, but would require impracticably short steps. The force continues below zero volume; `failed` reports a call
-that ends there.
+that ends there, or with an inner node outside a closed outer layer, wherever it has left it.
 
 Legend: k barrier; s its relative volume, the ratio to the volume at rest; d, e, f the corners of the outer face
-relative to the inner node; slope gradients of s at the three corners of the face, at 3 k.
+relative to the inner node; slope gradients of s at the three corners of the face, at 3 k; a, b, c corners of an outer
+face in the axes of RAY, relative to an inner node.
 """
 
 import numpy as np
@@ -21,6 +22,7 @@ from fish_env.physics.records import Body, World
 
 NEAR, STEEP = 0.6, 0.3  # relative volumes below which a barrier acts, and below which its energy is a parabola
 FAILURE = ESCAPED
+RAY = np.array([[0.8, -0.36, 0.48], [0.0, 0.8, 0.6], [-0.6, -0.48, 0.64]])  # its axes: no edge of an object is along z
 ANYWHERE = True
 
 
@@ -30,10 +32,18 @@ def present(body: Body, world: World) -> bool:
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """Data of `add_tangent`: gradients (3K,) times the root of their weights, and flags (K,) of active barriers."""
+    """Data of `add_tangent`: gradients (3K,) times the root of their weights, and flags (K,) of active barriers.
+
+    For `failed`: the outer faces (F,3), none if they do not close, the inner nodes (I,), and positions along RAY.
+    """
     assert body.barriers is not None  # else the force is not present
-    count = len(body.barriers.energy)
-    return Pack("barriers", slope=kind.vectors(3 * count), active=kind.scratch(count, "int64"))
+    count, faces = len(body.barriers.energy), np.unique(body.barriers.nodes[:, :3], axis=0)
+    edges = {(a, b) for p, q, r in faces.tolist() for a, b in (((p, q), (q, r), (r, p)) if r >= 0 else ())}
+    ends = faces[faces[:, 2] < 0, :2]
+    closed = all((b, a) in edges for a, b in edges) and np.array_equal(*map(np.sort, ends.T))
+    return Pack("barriers", slope=kind.vectors(3 * count), active=kind.scratch(count, "int64"),
+                faces=faces if closed else faces[:0], inner=np.unique(body.barriers.nodes[:, 3]),
+                turned=kind.vectors(len(body.mass)), ray=RAY)  # fmt: skip
 
 
 def bounds(body: Body, world: World) -> tuple[float, float]:
@@ -155,8 +165,36 @@ def energy(body, world, control, x, v, f, cache):
 
 @kernel
 def failed(body, world, control, x, v, f, cache):
-    """Mask of the fish in which an inner node has passed its outer face."""
-    barriers, escaped = body.barriers, nowhere(x)
+    """Mask of the fish in which an inner node has passed its outer face, or is not inside all of them."""
+    barriers, escaped, ray, turned = body.barriers, nowhere(x), cache.ray, cache.turned
     for k in range(barriers.energy.size):
         escaped = escaped | (relative_volume(barriers, k, x)[0] <= 0.0)
+    if cache.faces.shape[0] == 0:
+        return escaped
+    one, two = vec3(ray[0, 0], ray[0, 1], ray[0, 2]), vec3(ray[1, 0], ray[1, 1], ray[1, 2])
+    three = vec3(ray[2, 0], ray[2, 1], ray[2, 2])
+    for i in range(x.size):
+        turned[i] = vec3(dot(one, x[i]), dot(two, x[i]), dot(three, x[i]))
+    for m in range(cache.inner.size):
+        escaped = escaped | (windings(cache, cache.inner[m]) < 0.5)
     return escaped
+
+
+@kernel
+def windings(cache, i):
+    """How often the outer layer winds around node i: faces seen from inside less those from outside, along one ray."""
+    faces, x, centre = cache.faces, cache.turned, cache.turned[INDEX(i)]
+    total = 0.0 * centre.x
+    for k in range(faces.shape[0]):
+        a, b = x[INDEX(faces[k, 0])] - centre, x[INDEX(faces[k, 1])] - centre
+        along = fma(a.x, b.y, -(a.y * b.x))
+        if faces[k, 2] < 0:
+            total += select((a.y <= 0.0) & (b.y > 0.0) & (along > 0.0), 1.0, 0.0)
+            total -= select((b.y <= 0.0) & (a.y > 0.0) & (along < 0.0), 1.0, 0.0)
+            continue
+        c = x[INDEX(faces[k, 2])] - centre
+        second, third = fma(b.x, c.y, -(b.y * c.x)), fma(c.x, a.y, -(c.y * a.x))
+        ahead = fma(second, a.z, fma(third, b.z, along * c.z))
+        total += select((along > 0.0) & (second > 0.0) & (third > 0.0) & (ahead > 0.0), 1.0, 0.0)
+        total -= select((along < 0.0) & (second < 0.0) & (third < 0.0) & (ahead < 0.0), 1.0, 0.0)
+    return total
