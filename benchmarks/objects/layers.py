@@ -12,6 +12,7 @@ from fish_env.soft.volume import volume_of
 
 STANDARD = {"ring": RING, "sphere": GLOBE, "uniform sphere": SPHERE}
 PRESSURES = (0.0, 0.0625, 0.125, 0.25, 0.5, 1.0)  # times the standard one
+DROPS = (0.002, 0.02, 0.1, 0.3)  # m above the floor, from which objects without gas fall
 SETTLING = 4.0  # s on the floor, after which most objects lie still
 HEAVY = 6.0  # times the mass of the standard inner layer
 
@@ -31,23 +32,23 @@ def pressed(kind: str, layers: int, factor: float) -> Layered:
     return OBJECTS[kind].make(pressure=factor * standard.pressure, gap_pressure=factor * standard.gap_pressure)
 
 
-def lie_on_floor(thing: Layered) -> Tank:
-    """Tank with the object after SETTLING seconds on a floor just below it, on which nothing bounces."""
-    tank = Tank(thing, water=room(thing.down, 0.51 * thing.length, 0.0), threads=1)
+def lie_on_floor(thing: Layered, drop=DROPS[0]) -> Tank:
+    """Tank with the object after SETTLING seconds on a floor `drop` m below it, on which nothing bounces."""
+    tank = Tank(thing, water=room(thing.down, 0.5 * thing.length + drop, 0.0), threads=1)
     tank.advance(round(SETTLING / tank.dt))
     if not tank.alive[0]:
         raise ArithmeticError(f"{thing.name}: {tank.failure[0]} at {tank.time[0]:.3f} s")
     return tank
 
 
-def collapse(kind: str, layers: int, factor: float) -> dict:
+def collapse(kind: str, layers: int, factor: float, drop=DROPS[0]) -> dict:
     """A row: area or volume over that of the unloaded object, mean and range of the second that follows."""
     thing = pressed(kind, layers, factor)
-    tank, kept = lie_on_floor(thing), []
+    tank, kept = lie_on_floor(thing, drop), []
     for _ in range(60):
         kept.append(enclosed(thing, tank.position[0]) / enclosed(thing, thing.body.position))
         tank.advance(round(1 / 60 / tank.dt))
-    return {"object": kind, "layers": layers, "pressure_over_standard": factor, "kept": np.mean(kept),
+    return {"object": kind, "layers": layers, "pressure_over_standard": factor, "drop": drop, "kept": np.mean(kept),
             "kept_range": np.ptp(kept)}  # fmt: skip
 
 
@@ -65,8 +66,9 @@ def impact(kind: str, inner_mass: float, speed=2.5) -> np.ndarray:
 
 
 def measure() -> list[dict]:
-    """A row for each object, number of layers and pressure."""
-    return [collapse(kind, layers, p) for kind in STANDARD for layers in (1, 2) for p in PRESSURES]
+    """A row for each object, number of layers and pressure; two layers without gas also fall from higher."""
+    scenes = [(layers, p, DROPS[0]) for layers in (1, 2) for p in PRESSURES] + [(2, 0.0, drop) for drop in DROPS[1:]]
+    return [collapse(kind, *scene) for kind in STANDARD for scene in scenes]
 
 
 def draw() -> None:
@@ -75,7 +77,9 @@ def draw() -> None:
     for kind, marker in zip(STANDARD, "osv", strict=True):
         for layers, colour in ((1, ORANGE), (2, BLUE)):
             line = columns(
-                read_table("objects_layers.csv", object=kind, layers=layers), "pressure_over_standard", "kept"
+                read_table("objects_layers.csv", object=kind, layers=layers, drop=DROPS[0]),
+                "pressure_over_standard",
+                "kept",
             )
             label = f"{kind}, {'one layer' if layers == 1 else 'two'}"
             left.plot(*line, color=colour, marker=marker, label=label)

@@ -95,7 +95,7 @@ def is_stable(thing: InRoom, name: str, dt: float) -> bool:
 def largest_stable(thing: InRoom, name: str) -> dict[str, float]:
     """Largest stable step, ms, to 2 %, by bisection; for explicit methods also that of linear theory."""
     method = INTEGRATORS[name]
-    theory = method.base(thing.body) if method.kind == "explicit" else np.nan
+    theory = method.limit(thing.body, VACUUM) if method.kind == "explicit" else np.nan
     low, high = SHORTEST, LONGEST
     if is_stable(thing, name, high):
         low = high

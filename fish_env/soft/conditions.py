@@ -184,6 +184,7 @@ def apply(tank: Tank, new: Conditions) -> None:
     if tank._engine is not None and not follows:
         tank._engine = Engine(tank)
     update_anchors(tank)
+    start_penalties(tank)
     impose(tank)
 
 
@@ -196,6 +197,7 @@ def run(tank: Tank, steps: int) -> None:
     for _ in range(steps):
         tank._conditions = tank._conditions.begin_step(tank.dt)
         update_anchors(tank)
+        start_penalties(tank)
         alive = tank.alive
         tank.control.rate[alive] = rate[alive]  # a run sets these rates to zero
         _run_evenly(tank, 1)
@@ -216,6 +218,14 @@ def impose(tank: Tank) -> None:
     if held.any():
         alive = tank.state.failure == 0
         tank.state.v[:] = np.where(held & alive[:, None, None], tank._conditions.velocity, tank.state.v)
+
+
+def start_penalties(tank: Tank) -> None:
+    """Set the velocities of nodes that penalties hold or move to those prescribed: else they would swing in first."""
+    penalties = tank._conditions.penalties
+    if penalties is not None:
+        alive = np.flatnonzero(tank.state.failure == 0)
+        tank.state.v[np.ix_(alive, penalties.node)] = penalties.velocity
 
 
 def update_anchors(tank: Tank) -> None:

@@ -35,7 +35,10 @@ class Rosenbrock:
     gamma: float = 1.0
     """Implicit part of the step."""
     time: tuple[float, ...] = (1.0,)
-    """Time of each stage's rest lengths, in steps: an implicit method of first order uses those of the end."""
+    """Time of each stage's rest lengths and anchors, in steps.
+
+    An implicit method of first order uses those of the end; in one of second order, they add their rate of change.
+    """
     lowest: float = -math.inf
     """Least effective stiffness of a spring in the matrix, N/m."""
     wet: bool = False
@@ -172,4 +175,4 @@ PROJECTED = Rosenbrock(lowest=0.0)
 """Variant without the negative transverse stiffness of compressed springs, so that no spring's part is indefinite."""
 WATER = Rosenbrock(wet=True)
 """Variant with the water's damping along the normals in the matrix."""
-ROS2 = Rosenbrock(GAMMA, (0.0, 1.0))
+ROS2 = Rosenbrock(GAMMA, (GAMMA, 1.0 - GAMMA))

@@ -72,7 +72,7 @@ def tu_system(body, world, rest_length, h, x, v):
         r, length = point - x[i], np.linalg.norm(point - x[i])
         if natural == 0.0:
             matrix[i, i] += h * c + k
-            load[i] += c * r + k * moving
+            load[i] += c * (r + h * moving) + k * moving
         else:
             eta = (c * (length - natural) + k * np.dot(moving - v[i], r) / length) / length
             matrix[i, i] += h * eta
@@ -115,10 +115,14 @@ def linearly_implicit(body, world, rest, t, h, x, v, **which):
 
 
 def rosenbrock(body, world, rest, t, h, x, v):
-    """ROS2 on y = (x, v), as a dense system of order 6N, less those that are fixed."""
+    """ROS2 on y = (x, v), as a dense system of order 6N, less those that are fixed.
+
+    The rates of change of rest lengths and anchors add gamma h in the first slope, and take it away in the second.
+    """
     gamma, size, mass = 1 - 1 / np.sqrt(2), x.size, np.repeat(body.mass, 3)
     moves = np.concatenate([np.ones(size, bool), body.inverse_mass.ravel() > 0])
-    stiffness, damping = implicit_matrices(body, at(world, t), rest(t), x, v)
+    early, late = t + gamma * h, t + (1.0 - gamma) * h
+    stiffness, damping = implicit_matrices(body, at(world, early), rest(early), x, v)
     jacobian = np.zeros((2 * size, 2 * size))
     jacobian[:size, size:] = np.eye(size)
     jacobian[size:, :size] = -stiffness / mass[:, None]
@@ -137,10 +141,10 @@ def rosenbrock(body, world, rest, t, h, x, v):
         return np.concatenate([v.ravel(), total_force(body, at(world, time), rest(time), x, v).ravel() / mass])
 
     y = np.concatenate([x.ravel(), v.ravel()])
-    k1 = solve(slope(t, y))
+    k1 = solve(slope(early, y))
     p = constrain(world.planes, x, v, h, k1[size:].reshape(x.shape)).ravel()
     k1 = np.concatenate([v.ravel() + gamma * h * p, p])
-    k2 = solve(slope(t + h, y + h * k1) - 2 * k1)
+    k2 = solve(slope(late, y + h * k1) - 2 * k1)
     change = (1.5 * p + 0.5 * k2[size:]).reshape(x.shape)
     q = 2 * constrain(world.planes, x, v, h, change).ravel() - 3 * p
     k2 = np.concatenate([v.ravel() + h * p - 2 * k1[:size] + gamma * h * q, q])

@@ -136,7 +136,7 @@ def add_lagged(body, world, control, x, v, system, cache):
         i, r, _, strain, fast = measure_anchor(anchors, m, control.elapsed[0], x, v)
         place, c, k = INDEX(body.profile.diagonal[i]), light * anchors.stiffness[m], light * anchors.damping[m]
         if anchors.rest_length[m] == 0.0:
-            system.load[i] += fma(k, anchors.velocity[m], c * r)
+            system.load[i] += fma(fma(h, c, k), anchors.velocity[m], c * r)  # the point where the step ends
             system.matrix[place] += h * fma(h, c, k)
         else:
             eta = fma(k, fast, c * strain)
