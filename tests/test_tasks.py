@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from gliding import GlidingVectorEnv, each_task, each_way
+from scipy.spatial.transform import Rotation
 
 import fish_env
 from fish_env.envs import VARIATIONS, FishVectorEnv
@@ -50,6 +51,8 @@ def test_start_pose():
     np.testing.assert_allclose(forward, np.cos(0.3) * start.heading_vector(1.0) + [0, 0, np.sin(0.3)], atol=1e-12)
     assert left[2] == pytest.approx(np.sin(0.2) * np.cos(0.3), abs=1e-12)  # its left side is up, its right one down
     np.testing.assert_allclose(np.cross(forward, left), up, atol=1e-12)
+    wanted = Rotation.from_euler("ZYX", [1.0, -0.3, 0.2]).as_matrix()
+    np.testing.assert_allclose(start.rotation(1.0, 0.3, 0.2), wanted, atol=1e-12)
 
 
 @each_task
@@ -102,6 +105,7 @@ def test_reversal_comes_in_the_middle(side):
     assert step == 1 + math.ceil(0.485 / 0.03)
     facing = 3.0 + side * 0.03 * step
     assert rewards.wrap_angle(course.heading[0] - (facing - side * 1.4)) == pytest.approx(0.0, abs=1e-9)
+    assert env.task.metrics(env.tank, 0, 1.0)["turn"] == pytest.approx(-side * math.degrees(1.4))
 
 
 def test_severity_widens_the_turns():
@@ -113,6 +117,15 @@ def test_severity_widens_the_turns():
         assert (angles[:, 0] * angles[:, 1] < 0).all()
         assert abs(np.sign(angles[:, 0]).mean()) < 0.15
         assert 0.4 < np.isfinite(course.part[:, 1]).mean() < 0.6
+
+
+@pytest.mark.parametrize("task", ["turn", "fast_start"])
+def test_single_turns_are_drawn_from_their_range(task):
+    """Angles to both sides, equally often, within the range of the task."""
+    angle = begun(task, 400).task.course.angle[:, 0]
+    low, high = begun(task).task.angle
+    assert low <= np.abs(angle).min() < low + 0.1 and high - 0.1 < np.abs(angle).max() <= high
+    assert abs(np.sign(angle).mean()) < 0.15
 
 
 def test_follow_agrees_with_its_twin():

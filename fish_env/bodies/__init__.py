@@ -62,7 +62,8 @@ def make_fish(body: str = "mass_spring", **parameters) -> Fish:
         ValueError: for an unknown body, an unknown parameter or a value that is not allowed.
     """
     if not isinstance(body, str) or body not in BODIES:
-        raise ValueError(f"unknown body {body!r}; choose from {', '.join(map(repr, BODIES))}")
+        what = "the object has no muscles:" if isinstance(body, ElasticObject) else "unknown body"
+        raise ValueError(f"{what} {body!r}; choose from {', '.join(map(repr, BODIES))}")
     make = BODIES[body].make
     allowed = inspect.signature(make).parameters
     if not any(p.kind is p.VAR_KEYWORD for p in allowed.values()):

@@ -13,7 +13,6 @@ import numpy as np
 from fish_env.bodies import BODIES, fitted
 from fish_env.control.gait import best_gait
 from fish_env.lab.scene import Control, Scene
-from fish_env.physics.body import scale_body, with_rates
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.integrators import INTEGRATORS
@@ -23,6 +22,7 @@ from fish_env.physics.tank_options import own_step
 from fish_env.scene.frame import NOTHING, Arrow, Frame
 from fish_env.scene.frame import Body as ShownBody
 from fish_env.scene.look import look_of
+from fish_env.soft.changes import change_body, change_world
 from fish_env.soft.distorted import distort
 from fish_env.soft.objects import OBJECTS
 from fish_env.soft.room import GRAVITY, room
@@ -94,18 +94,13 @@ SETTINGS: dict[str, Setting] = {
 }
 
 
-def change_body(original: ElasticObject, settings: dict[str, Any]) -> Body:
-    """The body of an object with other stiffness, damping, density, pressure and density of an inner layer."""
-    body = scale_body(original.body, settings["stiffness"], settings["damping"], settings["density"])
-    gas, pressure, ratio = body.compartments, settings["pressure"], settings["inner_density"]
-    if pressure == ratio == 1.0:
-        return body
-    if gas is not None:
-        weaker = gas._replace(gas=gas.gas * pressure, ambient=gas.ambient * pressure) if pressure else None
-        body = body._replace(compartments=weaker)  # without gas it may lie flat
-    factor = np.ones((len(body.mass), 1))
-    factor[getattr(original, "inner", [])] = ratio
-    return with_rates(body._replace(mass=body.mass * factor[:, 0], inverse_mass=body.inverse_mass / factor))
+def changed_body(original: ElasticObject, settings: dict[str, Any]) -> Body:
+    """The body of an object with the settings of its body, as far as it has what they change."""
+    gas, inner = original.body.compartments is not None, len(getattr(original, "inner", ())) > 0
+    return change_body(
+        original, settings["stiffness"], settings["damping"], settings["density"],
+        settings["inner_density"] if inner else 1.0, settings["pressure"] if gas else 1.0,
+    )  # fmt: skip
 
 
 class SimulatedObject:
@@ -140,10 +135,9 @@ class SimulatedObject:
         self.settings, self.step, own = settings, step, self.original.water
         closed = room(self.down, self.room, closed=True).planes
         planes = {"own": own.planes, "none": None, "closed room": closed}[settings["walls"]]
-        if planes is not None:
-            planes = np.column_stack([planes[:, :4], np.full(len(planes), settings["restitution"])])
-        world = own._replace(gravity=settings["gravity"] * self.down, planes=planes)
-        made = replace(self.original, body=change_body(self.original, settings))
+        part = None if planes is None else settings["restitution"]
+        world = change_world(own._replace(planes=planes), settings["gravity"] * self.down, part)
+        made = replace(self.original, body=changed_body(self.original, settings))
         name = self.entry.integrator or made.integrator
         self.own_step = own_step(made, INTEGRATORS[name])
         dt = None if step == 1.0 else step * self.own_step

@@ -316,7 +316,8 @@ class Tank(ReadOnly, Generic[Elastic]):
     def reset(self, mask=None) -> None:
         """Reset the fish (those of the boolean mask (B,), or all) to rest, relaxed, at time zero.
 
-        Settings of `vary`, `grab`, `fix` and `move` remain, also the points of penalties and of the drag spring.
+        Settings of `vary`, `change`, `grab`, `fix` and `move` remain, also the points of penalties and of the drag
+        spring. An environment draws those of `vary` anew at each of its resets.
         """
         which = np.ones(self.num_fish, dtype=bool) if mask is None else np.asarray(mask)
         if which.dtype != bool or which.shape != (self.num_fish,):
@@ -387,6 +388,23 @@ class Tank(ReadOnly, Generic[Elastic]):
         invalid number raises ValueError.
         """
         _boundary().grab(self, node, point, stiffness, damping, rest_length, velocity)
+
+    def change(self, *, gravity=None, restitution=None, **factors: float) -> None:
+        """Change materials and surroundings of all bodies while they move; a `reset` keeps them.
+
+        Args:
+            gravity: (3,) m/s2; None leaves it.
+            restitution: of all walls, 0 to 1; None leaves it.
+            factors: stiffness, damping, mass, inner_mass and pressure, over those that the tank was made with; one that
+                is not given is 1 (`fish_env.soft.changes.change_body`).
+
+        Raises:
+            ValueError: for a value that is not allowed, or a factor on what the bodies do not have.
+
+        Warns:
+            UserWarning: if the step is then too long for the method.
+        """
+        import_module("fish_env.soft.changes").change(self, gravity, restitution, factors)
 
     def fix(self, nodes, axes: str = "xyz", method: str = "elimination") -> None:
         """Fix nodes of every body at their present positions until `release`: `move` with zero velocity.

@@ -96,6 +96,14 @@ def make_compartments(position, surfaces, pressure, ambient: float | np.ndarray 
     return Compartments(faces, np.array(first, np.int64), pressure * volume, ambient)
 
 
+def fill(position, surfaces, pressure, ambient=(0.0, 0.0)) -> Compartments | None:
+    """Compartments of those surfaces whose gas has a pressure, Pa (C,) each as (C,) outside; None if none has."""
+    pressure = positive_array(pressure, (len(surfaces),), "pressures (Pa)", zero=True)
+    kept = np.flatnonzero(pressure)
+    which = [surfaces[c] for c in kept]
+    return make_compartments(position, which, pressure[kept], np.array(ambient)[kept]) if which else None
+
+
 @representable("a barrier")
 def make_barriers(position, faces, inner, energy) -> Barriers:
     """Barriers of outer faces (K,3), or edges (K,2), against inner nodes (K,), which lie behind them at rest.

@@ -9,7 +9,7 @@ import numpy as np
 from fish_env.checks import real
 from fish_env.physics.body import make_body
 from fish_env.physics.records import Body
-from fish_env.soft.elements import make_barriers, make_compartments
+from fish_env.soft.elements import fill, make_barriers
 from fish_env.soft.skins import Skin, barrier_pairs, layer_springs, tensions
 
 NO_FACES = np.zeros((0, 4), np.int64)
@@ -163,7 +163,7 @@ def one_layer(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -
     length = np.linalg.norm(position[skin.edges[:, 1]] - position[skin.edges[:, 0]], axis=1)
     power = 1 if skin.faces.shape[1] == 2 else 2
     length = natural_lengths(length, chosen.pressure * chosen.radius**power * tensions(skin), stiffness)
-    gas = make_compartments(position, [skin.faces], chosen.pressure) if chosen.pressure else None
+    gas = fill(position, [skin.faces], [chosen.pressure])
     body = make_body(
         position, node_masses(skin, chosen.radius, chosen.mass, chosen.density), skin.edges, stiffness,
         stiffness * chosen.damping_times()[0], length, NO_FACES, compartments=gas,
@@ -197,8 +197,7 @@ def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) 
     turned = skin.faces[:, ::-1] if flat else skin.faces[:, [0, 3, 2, 1]]
     turned = turned if flat else np.where(turned[:, 1:2] == turned[:, 2:3], turned[:, [0, 2, 3, 3]], turned)
     surfaces = [skin.faces + n, np.concatenate([skin.faces, turned + n])]
-    filled = [(surface, p) for surface, p in zip(surfaces, (chosen.pressure, chosen.gap_pressure), strict=True) if p]
-    gas = make_compartments(position, [surface for surface, _ in filled], [p for _, p in filled]) if filled else None
+    gas = fill(position, surfaces, (chosen.pressure, chosen.gap_pressure))
     faces, nodes = barrier_pairs(skin)
     body = make_body(
         position, np.concatenate([outer, inner]), pairs, stiffness, stiffness * time, length, NO_FACES,

@@ -45,36 +45,39 @@ GLOBE = replace(
 
 
 @representable("the string")
-def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_time=0.002) -> Layered:
-    """A string along x, fixed at the origin, that moves along x only (ch. 3.3).
+def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_time=0.002, fixed=(0,)) -> Layered:
+    """A string along x from the origin, that moves along x only (ch. 3.3).
 
     Args:
-        nodes: at least 2, the fixed one counted.
+        nodes: at least 2.
         length: at rest, m.
-        mass: of all free nodes, kg.
+        mass: kg, of all but one node, which are equal, or (nodes,) one each.
         stiffness: of the whole string, N/m.
         relaxation_time: damping over stiffness, s.
+        fixed: numbers of the nodes that do not move; some must.
 
     Raises:
         ValueError: naming the argument, its value, and what is allowed.
     """
     nodes = whole(nodes, "nodes", 2)
     fits_memory(nodes, 1000, "nodes")
-    for name, value in (("length", length), ("mass", mass), ("stiffness", stiffness)):
+    for name, value in (("length", length), ("stiffness", stiffness)):
         positive_array(value, (), name)
+    mass = positive_array(mass, (nodes,) if np.ndim(mass) else (), "mass (kg)")
     positive_array(relaxation_time, (), "relaxation_time (s)", zero=True)
     count = nodes - 1
     position = np.zeros((nodes, 3))
     position[:, 0] = np.linspace(0.0, length, nodes)
     pairs = np.stack([np.arange(count), np.arange(1, nodes)], axis=1)
     constant = np.full(count, float(stiffness) * count)
-    body = make_body(position, np.full(nodes, mass / count), pairs, constant, constant * relaxation_time,
+    each = mass if mass.ndim else np.full(nodes, mass / count)
+    body = make_body(position, each, pairs, constant, constant * relaxation_time,
                      np.full(count, length / count), NO_FACES)  # fmt: skip
-    body = fix(fix(body, np.arange(nodes), "yz"), [0])
+    body = fix(fix(body, np.arange(nodes), "yz"), np.asarray(fixed, dtype=np.int64).reshape(-1))
     down = np.array([1.0, 0.0, 0.0])
     return Layered(
         name="string", body=body, length=length, water=room(down, 1.2 * length), time_step=1 / 960,
-        control_interval=1 / 60, down=down, outer=np.arange(1, nodes), inner=np.zeros(0, np.int64),
+        control_interval=1 / 60, down=down, outer=np.flatnonzero(body.inverse_mass[:, 0]), inner=np.zeros(0, np.int64),
         skin=np.zeros((0, 2), np.int64), kinds={"outer": slice(0, count)},
     )  # fmt: skip
 

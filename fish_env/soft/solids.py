@@ -47,7 +47,17 @@ class Solid(InRoom):
 
 
 @representable("the beam")
-def make_beam(cells=10, *, across=2, length=0.4, thickness=0.08, clamped=False, strain="corotational", **material):
+def make_beam(
+    cells=10,
+    *,
+    across=2,
+    length=0.4,
+    thickness=0.08,
+    clamped=False,
+    strain="corotational",
+    lumping="quarter",
+    **material,
+):
     """A beam along x with a square cross-section.
 
     Args:
@@ -57,30 +67,32 @@ def make_beam(cells=10, *, across=2, length=0.4, thickness=0.08, clamped=False, 
         thickness: m.
         clamped: whether the end at the smallest x is fixed, by elimination.
         strain: the measure of strain (`make_tets`).
+        lumping: how the mass is shared among the nodes (`lumped_mass`).
         material: fields of `SolidMaterial`; those not given are those of SOFT.
 
     Raises:
         ValueError: naming the argument, its value, and what is allowed.
     """
     mesh = bar(cells, across, length, thickness)
-    return solid("beam", mesh, (choose_material(SOFT, material),), strain, clamped=clamped)
+    return solid("beam", mesh, (choose_material(SOFT, material),), strain, lumping, clamped)
 
 
 @representable("the block")
-def make_block(cells=4, *, side=0.16, strain="corotational", **material) -> Solid:
-    """A cube of so many cells along each edge, an even number; `side` m, `strain` and `material` as of `make_beam`."""
+def make_block(cells=4, *, side=0.16, strain="corotational", lumping="quarter", **material) -> Solid:
+    """A cube of so many cells along each edge, an even number; `side` m, all else as of `make_beam`."""
     mesh = bar(cells, cells, side, side)
-    return solid("block", mesh, (choose_material(SOFT, material),), strain)
+    return solid("block", mesh, (choose_material(SOFT, material),), strain, lumping)
 
 
 @representable("the ball")
-def make_ball(cells=4, *, radius=0.1, strain="corotational", **material) -> Solid:
+def make_ball(cells=4, *, radius=0.1, strain="corotational", lumping="quarter", **material) -> Solid:
     """A ball: a cube's grid of so many cells along each edge, an even number, each of its shells made a sphere.
 
     Args:
         cells: along each edge, even, at least 2.
         radius: m.
         strain: the measure of strain (`make_tets`).
+        lumping: how the mass is shared among the nodes (`lumped_mass`).
         material: fields of `SolidMaterial`; those not given are those of SOFT.
 
     Raises:
@@ -94,13 +106,13 @@ def make_ball(cells=4, *, radius=0.1, strain="corotational", **material) -> Soli
         y * np.sqrt(1 - z**2 / 2 - x**2 / 2 + z**2 * x**2 / 3),
         z * np.sqrt(1 - x**2 / 2 - y**2 / 2 + x**2 * y**2 / 3),
     ], axis=1)  # fmt: skip
-    thing = solid("ball", mesh._replace(position=radius * round_), (choose_material(SOFT, material),), strain)
+    thing = solid("ball", mesh._replace(position=radius * round_), (choose_material(SOFT, material),), strain, lumping)
     return replace(thing, time_step=0.5 * STEP)  # elements at the cube's edges are flat, and stiff for their mass
 
 
 @representable("the bar of two materials")
 def make_two_materials(cells=8, *, across=2, length=0.32, thickness=0.08, soft=SOFT, stiff=STIFF,
-                       strain="corotational") -> Solid:  # fmt: skip
+                       strain="corotational", lumping="quarter") -> Solid:  # fmt: skip
     """A bar along x of two materials: `soft` where x is negative, `stiff` where it is positive.
 
     Args:
@@ -111,6 +123,7 @@ def make_two_materials(cells=8, *, across=2, length=0.32, thickness=0.08, soft=S
         soft: a `SolidMaterial`.
         stiff: a `SolidMaterial`.
         strain: the measure of strain (`make_tets`).
+        lumping: how the mass is shared among the nodes (`lumped_mass`).
 
     Raises:
         ValueError: naming the argument, its value, and what is allowed.
@@ -120,7 +133,7 @@ def make_two_materials(cells=8, *, across=2, length=0.32, thickness=0.08, soft=S
     for name, material in (("soft", soft), ("stiff", stiff)):
         if not isinstance(material, SolidMaterial):
             raise ValueError(f"{name} is a {type(material).__name__}; give a SolidMaterial")
-    return solid("two materials", bar(cells, across, length, thickness), (soft, stiff), strain)
+    return solid("two materials", bar(cells, across, length, thickness), (soft, stiff), strain, lumping)
 
 
 def choose_material(standard: SolidMaterial, given: dict) -> SolidMaterial:
@@ -143,7 +156,7 @@ def bar(cells, across, length, thickness) -> Mesh:
     return grid(np.linspace(-0.5 * length, 0.5 * length, along + 1), half, half, across, across)
 
 
-def solid(name: str, mesh: Mesh, materials: tuple[SolidMaterial, ...], strain: str, clamped=False) -> Solid:
+def solid(name: str, mesh: Mesh, materials: tuple[SolidMaterial, ...], strain, lumping, clamped=False) -> Solid:
     """The object of a mesh in its room; of two materials the second is where x is positive."""
     middle = mesh.position[mesh.tets, 0].mean(axis=1)
     which = (middle > 0.0).astype(np.int64) if len(materials) > 1 else np.zeros(len(mesh.tets), np.int64)
@@ -151,7 +164,7 @@ def solid(name: str, mesh: Mesh, materials: tuple[SolidMaterial, ...], strain: s
         np.array([getattr(material, field.name) for material in materials])[which] for field in fields(SolidMaterial)
     )
     tets = make_tets(mesh.position, mesh.tets, young, poisson, relaxation, strain)
-    mass = lumped_mass(mesh.position, mesh.tets, density)
+    mass = lumped_mass(mesh.position, mesh.tets, density, lumping)
     body = make_body(mesh.position, mass, [], [], [], [], mesh.faces, tets=tets)
     if clamped:
         body = fix(body, mesh.position[:, 0] == mesh.position[:, 0].min())

@@ -18,7 +18,7 @@ from fish_env.physics.body import make_body
 from fish_env.physics.elements import make_sections
 from fish_env.physics.fish import Fish, Landmarks
 from fish_env.physics.records import Body
-from fish_env.soft.elements import make_barriers, make_compartments
+from fish_env.soft.elements import fill, make_barriers
 from fish_env.soft.skins import Skin, edges_of, layer_springs
 
 WITHIN = [
@@ -102,13 +102,12 @@ def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, d
     pairs = np.concatenate([pairs, braces])
     natural = np.linalg.norm(position[pairs[:, 0]] - position[pairs[:, 1]], axis=1)
     gap = np.concatenate([faces, reverse_faces(faces) + 23])
-    pressures = positive_array(pressures, (2,), "pressures (Pa)")
     triangles, nodes = corners_of(faces)
     share, drag = tu.drag_points(p, drag)
     return make_body(
         position, mass, pairs, stiffness,
         damping * p.relaxation_time * stiffness, natural, faces, share=share, drag=drag,
-        compartments=make_compartments(position, [faces + 23, gap], pressures, pressures),
+        compartments=fill(position, [faces + 23, gap], pressures, pressures),
         barriers=make_barriers(position, triangles, nodes, scale**3 * barrier_energy),
         sections=make_sections(position, mass, SECTIONS, tu.EDGES, outline_of(p).stations),
     )  # fmt: skip

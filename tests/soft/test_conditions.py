@@ -13,6 +13,8 @@ from fish_env.physics.fish import ElasticObject
 from fish_env.physics.records import World
 from fish_env.physics.world import VACUUM
 from fish_env.soft.conditions import PENALTY, largest_entry, make_anchors, make_penalty
+from fish_env.soft.objects import make_string
+from fish_env.soft.solids import make_beam
 from fish_env.soft.statics import prescribed_displacement
 
 FISH = make_fish()
@@ -428,3 +430,35 @@ def test_refused_motions():
         tank.advance(10)
     np.testing.assert_allclose(tank.time, 3 * tank.dt)
     np.testing.assert_allclose(tank.position[0, 3, 0] - FISH.body.position[3, 0], 3 * tank.dt, rtol=1e-9)
+
+
+PATHS = {
+    "constant": ((0.1, 0.0, 0.0), lambda t: np.array([0.1 * t, 0.0, 0.0])),
+    "smooth": (lambda t: np.array([0.01 * (1.0 - np.cos(12.0 * t)), 0.0, 0.0]),) * 2,
+}
+MOVABLE = {
+    "fish": lambda: FISH,
+    "reactive": lambda: make_fish(water="reactive"),
+    "beam": make_beam,
+    "string": make_string,
+}
+"""The string is held at its other end, and its pull stretches the penalty by a part of 1e-4 of its own stretch."""
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("name", tiered([n for n in INTEGRATORS if INTEGRATORS[n].kind != "explicit"], "all"))
+@pytest.mark.parametrize("what", tiered(MOVABLE, ("fish",)))
+def test_penalty_moves_a_node_where_the_step_ends(what, name, path):
+    """With every method, a moved node is on its path at the end of every control interval, within 1e-6 of the length.
+
+    The string pulls: 1e-4 of its stretch is left.
+    """
+    body = MOVABLE[what]()
+    tank, (given, along), node = Tank(body, 1, name), PATHS[path], 1 if what == "string" else 0
+    tank.move([node], given, method="penalty")
+    start = tank.position[0, node].copy()
+    for _ in range(2 if INTEGRATORS[name].kind == "adaptive" else 20):
+        tank.advance(round(body.control_interval / tank.dt))
+        missed = np.abs(tank.position[0, node] - start - along(tank.time[0])).max()
+        pull = 1.1e-4 * np.abs(along(tank.time[0])).max() if what == "string" else 0.0
+        assert tank.alive[0] and missed < 1e-6 * body.length + pull

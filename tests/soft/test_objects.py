@@ -1,25 +1,31 @@
 """Elastic objects of one layer and of two: topology, balance at rest, scenes, rooms, levels of detail, the mouse."""
 
 from dataclasses import replace
+from functools import partial
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from moving import FIXED_STEP, Block, tiered
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from benchmarks.objects.layers import HEAVY, collapse, impact
 from benchmarks.objects.methods import largest_surviving
 from benchmarks.objects.scenes import DRAG_SPRING, SCENES, watched
-from fish_env import Tank
+from fish_env import Tank, make_fish
 from fish_env.physics.body import make_body
 from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.linalg.ldlt import profile_in
 from fish_env.physics.world import VACUUM
+from fish_env.soft.changes import change_body, change_world
 from fish_env.soft.detail import LevelOfDetail, carry_over, facet_gap, projected_size
 from fish_env.soft.elements import make_compartments
 from fish_env.soft.objects import (
     FINEST,
     OBJECTS,
     RING,
+    SOLIDS,
     SONG,
     make_ring,
     make_sphere,
@@ -301,7 +307,7 @@ def test_layers_turn_against_each_other(relaxation_time):
 
 
 def test_layers_move_against_each_other_after_an_impact():
-    """A heavy inner layer flies on for 4 ms while the outer one has turned back at a wall; a light one for half of it."""
+    """A heavy inner layer flies on for 4 ms while the outer one has turned back at a wall; a light one for 2 ms."""
     opposed = []
     for factor in (1.0, HEAVY):
         time, outer, inner = impact("ring", factor * RING.inner_mass).T
@@ -325,6 +331,164 @@ def thrown(thing, name, seed, dt=None, seconds=0.3):
         depth = max(depth, float((np.abs(tank.position[0]) - SIZE).max()))
         travel = max(travel, float(np.linalg.norm(tank.position[0] - before, axis=1).max()))
     return tank.failure[0], depth, travel
+
+
+def winding(thing, x):
+    """How often the outer layer winds around each inner node (I,): the sum of the angles that its faces are seen at."""
+    if thing.skin.shape[1] == 2:
+        a, b = (x[thing.skin[:, k], :2] - x[thing.inner, None, :2] for k in range(2))
+        turned = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], (a * b).sum(axis=-1))
+        return turned.sum(axis=1) / (2.0 * np.pi)
+    faces = np.concatenate([thing.skin[:, [0, 1, 2]], thing.skin[thing.skin[:, 2] != thing.skin[:, 3]][:, [0, 2, 3]]])
+    a, b, c = (x[faces[:, k]] - x[thing.inner, None] for k in range(3))
+    p, q, r = (np.linalg.norm(each, axis=-1) for each in (a, b, c))
+    above = np.einsum("ifk,ifk->if", a, np.cross(b, c))  # van Oosterom & Strackee 1983
+    below = p * q * r + (a * b).sum(-1) * r + (b * c).sum(-1) * p + (c * a).sum(-1) * q
+    return np.arctan2(above, below).sum(axis=1) / (2.0 * np.pi)
+
+
+MESHES = {
+    **{f"ring of {n}": partial(make_ring, n) for n in (8, 12, 16, 24, 28, 32, 48, 64, 96)},
+    **{f"level {n}": partial(make_uniform_sphere, n) for n in range(4)},
+    **{f"sphere of {n} x {m}": partial(make_sphere, n, m) for n, m in ((8, 6), (12, 8), (16, 12))},
+}
+
+
+@pytest.mark.parametrize("what", tiered(MESHES, ("ring of 48", "level 1")))
+def test_every_mesh_holds(what):
+    """Dropped from 2 mm to 1 m, shaken by 0.1 m twice a second, and at 6 m/s into a wall, every mesh stays whole.
+
+    Its inner layer stays inside the outer one. At 8 m/s it does, or the failure is reported.
+    """
+    thing = MESHES[what]()
+    tank = Tank(thing, water=thing.water, threads=1)
+    frame, hand = round(1 / 60 / tank.dt), thing.body.position[0]
+    pull = thing.body.mass.sum() * 9.81 / (0.4 * thing.length)
+
+    def inside():
+        return np.abs(winding(thing, tank.position[0]) - 1.0).max() < 1e-6
+
+    for height in (0.002, 0.02, 0.1, 0.3, 1.0):
+        tank.reset()
+        tank.position[0] += (0.2 - height) * thing.down
+        for _ in range(48):
+            tank.advance(frame)
+            assert tank.alive[0] and inside(), (height, tank.failure)
+    for speed in (4.0, 6.0, 8.0):
+        tank.reset()
+        tank.velocity[0, :, 0] = speed
+        for _ in range(30):
+            tank.advance(frame)
+            assert inside() if tank.alive[0] else speed == 8.0, (speed, tank.failure)
+    tank.reset()
+    for k in range(120):
+        angle = 4.0 * np.pi * k / 60
+        tank.grab(0, hand + 0.1 * np.array([np.sin(angle), np.cos(angle) - 1.0, 0.0]), pull, 0.05 * pull)
+        tank.advance(frame)
+        assert tank.alive[0] and inside(), (k, tank.failure)
+
+
+@plain
+@pytest.mark.parametrize("make", [make_ring, make_uniform_sphere])
+def test_a_node_outside_is_a_failure(make):
+    """An inner node that lies outside the outer layer has escaped; one just inside it has not."""
+    thing = make()
+    tank, place = Tank(thing, 3, dt=1e-9), thing.body.position[thing.outer[0]]
+    tank.position[:, thing.inner[0]] = np.array([[0.95], [1.02], [1.1]]) * place
+    tank.advance(1)
+    assert [text[:7] for text in tank.failure] == ["", "escaped", "escaped"]
+
+
+@pytest.mark.parametrize(("level", "entries"), [(0, 76), (1, 430), (2, 3078), (3, 23286)])
+def test_elimination_order(level, entries):
+    """The matrix of a uniform sphere has so many entries, and many more with its layers one after the other."""
+    body = make_uniform_sphere(level).body
+    assert body.profile.start[-1] == entries
+    own = profile_in(np.arange(len(body.mass)), body.springs.nodes)
+    assert own.start[-1] == {0: 76, 1: 606, 2: 7876, 3: 120032}[level]
+
+
+CHANGES = {
+    "gravity": {"gravity": (0.0, -2.0, 0.0)}, "restitution": {"restitution": 0.9}, "pressure": {"pressure": 2.0},
+    "damping": {"damping": 0.2}, "inner mass": {"inner_mass": 3.0}, "stiffness": {"stiffness": 1.5},
+    "mass": {"mass": 0.5},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", tiered(("leapfrog_chebyshev", "semi_implicit", "rk4"), "all"))
+@pytest.mark.parametrize("what", CHANGES)
+def test_changed_while_it_moves(what, name):
+    """A ring whose materials or surroundings change goes on as one that is made with them, also after a reset."""
+    thing, given = make_ring(), CHANGES[what]
+    factors = {key: value for key, value in given.items() if key not in ("gravity", "restitution")}
+    other = replace(thing, body=change_body(thing, **factors))
+    world = change_world(thing.water, given.get("gravity"), given.get("restitution"))
+    tank, wanted = Tank(thing, 2, name, 5e-4, thing.water), Tank(other, 2, name, 5e-4, world)
+    for each in (tank, wanted):
+        each.velocity[:] = (1.0, -1.0, 0.0)
+    tank.advance(100)
+    tank.fix([3])
+    tank.release([3])
+    for new, old in zip(wanted.state, tank.state, strict=True):
+        new[...] = old
+    tank.change(**given)
+    for _ in range(2):
+        for each in (tank, wanted):
+            each.advance(300)
+        np.testing.assert_array_equal(tank.position, wanted.position)
+        for each in (tank, wanted):
+            each.reset()
+            each.velocity[:] = (0.5, -3.0, 0.0)
+    tank.change()
+    np.testing.assert_array_equal(tank.fish.body.mass, thing.body.mass)
+
+
+@pytest.mark.parametrize(
+    ("make", "given", "message"),
+    [
+        (make_string, {"pressure": 2.0}, "pressure is 2, and 'string' has no pressure part; leave it 1"),
+        (make_string, {"inner_mass": 2.0}, "inner_mass is 2, and 'string' has no inner part; leave it 1"),
+        (make_ring, {"damping": -1.0}, "factors on damping and pressure is -1.0"),
+        (make_ring, {"restitution": 2.0}, "restitution is 2.0; give a number from 0 to 1"),
+    ],
+)
+def test_refused_changes(make, given, message):
+    """What an object does not have, or what is not allowed, is refused, and the tank is unchanged."""
+    thing = make()
+    tank = Tank(thing, water=thing.water)
+    before = tank.fish.body
+    with pytest.raises(ValueError, match=message):
+        tank.change(**given)
+    assert tank.fish.body is before
+
+
+def test_string_with_masses_of_its_own():
+    """Each particle may have its mass, and either end may be free: the slowest vibration is that of the eigenvalues."""
+    mass = [0.01, 0.02, 0.03, 0.04]
+    thing = make_string(4, mass=mass, fixed=[3])
+    assert thing.outer.tolist() == [0, 1, 2] and thing.body.mass.tolist() == mass
+    constant = 24.0 * (2.0 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1))
+    constant[0, 0] = 24.0
+    wanted = np.sqrt(eigh(constant, np.diag(mass[:3]), eigvals_only=True))
+    np.testing.assert_allclose(2.0 * np.pi * modes(thing.body, 3)[0], wanted, rtol=1e-9)
+    assert make_string(3, fixed=()).outer.tolist() == [0, 1, 2]
+
+
+def test_solids_with_equal_masses():
+    """Lumped in equal parts, every solid keeps its whole mass, and all its nodes have the same."""
+    for record in SOLIDS.values():
+        equal, own = record.make(lumping="uniform").body.mass, record.make().body.mass
+        assert np.ptp(equal) == 0.0 and equal.sum() == pytest.approx(own.sum()) and np.ptp(own) > 0.0
+        with pytest.raises(ValueError, match="unknown rule 'half'"):
+            record.make(lumping="half")
+
+
+def test_objects_in_place_of_fish():
+    """An object in an environment is refused, since it has no muscles; a fish of two layers may have no gas."""
+    with pytest.raises(ValueError, match=r"the object has no muscles: <Solid 'beam'.*choose from 'mass_spring'"):
+        gym.make("FishEnv/Swim-v0", body=SOLIDS["beam"].make())
+    one, none = make_fish("two_layer", pressure=0.0), make_fish("two_layer", pressure=0.0, gap_pressure=0.0)
+    assert one.body.compartments.gas.size == 1 and none.body.compartments is None
 
 
 def test_room():

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from moving import (
     ADAPTIVE,
     FISH,
+    FIXED_STEP,
     STABILISED,
     advance,
     assert_moved,
@@ -28,20 +29,64 @@ from scipy.integrate import solve_ivp
 from small_bodies import ALL, BODIES, bent, block, control, start
 
 from benchmarks.common.beam import loose
-from fish_env import INTEGRATORS, Tank, make_water, make_world
+from fish_env import INTEGRATORS, Tank, make_fish, make_water, make_world
 from fish_env.physics import forces
 from fish_env.physics.body import fix, make_body
 from fish_env.physics.failures import FAILURES, NO_CONVERGENCE, TORN, UNTRUSTED_SOLVE
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.records import FORCES
+from fish_env.physics.tank_options import own_step
 from fish_env.physics.world import VACUUM
 from fish_env.soft import adaptive
 from fish_env.soft.conditions import make_anchors
 from fish_env.soft.elements import make_tets
 from fish_env.soft.mesh import grid, lumped_mass
+from fish_env.soft.objects import SOLIDS, make_ring, make_sphere, make_string, make_uniform_sphere
 
 DEFAULT, STILL = FISH["mass_spring"], np.zeros((23, 3))
 plain = pytest.mark.usefixtures("kernels")
+
+
+# Own steps
+
+
+THINGS = {
+    "string": make_string(9), "ring": make_ring(), "ring of 40": make_ring(40), "sphere": make_sphere(),
+    "uniform sphere": make_uniform_sphere(1), "finer sphere": make_uniform_sphere(2),
+    **{name: record.make() for name, record in SOLIDS.items()},
+    **{f"{body}, {water}": make_fish(body, water=water)
+       for body in ("mass_spring", "planar", "two_layer", "tetrahedral") for water in ("drag", "reactive")},
+}  # fmt: skip
+GIVEN_STEP = [name for name in FIXED_STEP if INTEGRATORS[name].kind in ("explicit", "semi-implicit")]
+UNHURRIED = [("ring", "explicit_euler"), ("ring of 40", "explicit_euler"), ("sphere", "explicit_euler")]
+"""Where what grows at twice the own step grows too slowly to be seen in the steps of the test."""
+FEW = [("string", "rk4"), ("uniform sphere", "rk4")]
+"""Where a control interval has two or three steps, and one fewer would be too few."""
+
+
+@pytest.mark.filterwarnings("ignore:.*will fail")
+@pytest.mark.parametrize("name", tiered(GIVEN_STEP, ("semi_implicit",)))
+@pytest.mark.parametrize("what", tiered(THINGS, ("ring", "finer sphere", "ball", "two_layer, reactive")))
+def test_own_step_is_stable_and_no_shorter_than_half_the_limit(what, name):
+    """A small disturbance of any body fades in 10,000 own steps of any method, and grows in steps 2.1 times as long."""
+    thing, energy = THINGS[what], []
+    for factor in (1.0, 2.1):
+        tank = Tank(thing, 1, name, factor * own_step(thing, INTEGRATORS[name]))
+        v = 1e-6 * np.random.default_rng(0).normal(size=tank.velocity[0].shape) * (thing.body.inverse_mass > 0)
+        tank.velocity[0] = v
+        tank.advance(10_000)
+        moving = thing.body.mass @ (tank.velocity[0] ** 2).sum(axis=1) / (thing.body.mass @ (v**2).sum(axis=1))
+        energy.append(moving if tank.alive[0] else np.inf)
+    assert energy[0] < 1.0
+    assert energy[1] > 1.0 or (what, name) in UNHURRIED + FEW
+
+
+@pytest.mark.parametrize("name", ["explicit_euler", "midpoint"])
+def test_unknown_own_step(name):
+    """Where undamped motion grows, a method has no step of its own on a large body of springs; it takes a given one."""
+    with pytest.raises(ValueError, match=f"'{name}' has no known stable step on 'uniform sphere': it has too many"):
+        Tank(make_uniform_sphere(3), 1, name)
+    assert Tank(make_uniform_sphere(3), 1, name, 1e-5).dt == 1e-5
 
 
 # Every method on a body with all kinds of elements

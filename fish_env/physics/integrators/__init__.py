@@ -73,7 +73,7 @@ class Integrator:
     """The implementation of its steps, a `Method`, or a text "module:name" of it; None for a method that chooses its
     own."""
     limit: limits.Limit = limits.none
-    """Largest stable step of a body in a world for small motion about rest, s; inf if all are stable, nan if unknown."""
+    """Largest stable step of a body in a world for small motion about rest, s; inf if all are, nan if unknown."""
     refuses: Callable[[Body, World], str] = limits.everything
     """Reason that it cannot move a body in a world; "" if it can."""
     advance: Any = None

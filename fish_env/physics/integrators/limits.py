@@ -7,6 +7,7 @@ Drag is of second order there. `benchmarks/stability/survey.py` measures limits 
 import math
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def motion(body: Body, world: World, subtracted: float = 0.0) -> tuple[np.ndarra
                     i = 3 * nodes[a:b] + axis
                     mass[np.ix_(i, i)] += world.added_mass[axis - 1] * volume[k] * np.outer(share[a:b], share[a:b])
         root = np.linalg.inv(np.linalg.cholesky(mass[free][:, free]))
-        parts = [assemble(forces.rest_matrices(body, elastic), free.size, free.size) for elastic in (True, False)]
+        parts: Any = [assemble(forces.rest_matrices(body, elastic), free.size, free.size) for elastic in (True, False)]
         parts[0] -= assemble([taut(body, subtracted)], free.size, free.size)
         if world.anchors is not None:
             add_anchors(body, world.anchors, *parts)
@@ -111,7 +112,7 @@ def polynomial(*coefficients: float) -> Limit:
         if fastest == 0.0:
             return math.inf
         rates = rates[np.abs(rates) > 1e-6 * fastest]  # rigid motion, to rounding
-        if amplifies and (np.abs(rates.real) < UNDAMPED * np.abs(rates)).any():
+        if amplifies and (np.abs(np.real(rates)) < UNDAMPED * np.abs(rates)).any():
             return 0.0
         steps = 2.0 * len(coefficients) / fastest * TRIED
         growing = (np.abs(np.polyval(coefficients, steps[:, None] * rates)) > 1.0 + GROWS).any(axis=1)
@@ -121,11 +122,8 @@ def polynomial(*coefficients: float) -> Limit:
     return limit
 
 
-LEAPFROG, LAGGED, STABILISED = (
-    filtered(4.0),
-    filtered(4.0, 2.0),
-    filtered(leapfrog_chebyshev.polynomial(MOST_STAGES)[3] / SAFETY),
-)
+LEAPFROG, LAGGED = filtered(4.0), filtered(4.0, 2.0)
+STABILISED = filtered(leapfrog_chebyshev.polynomial(MOST_STAGES)[3] / SAFETY)
 EULER, MIDPOINT, RK4 = polynomial(1.0, 1.0), polynomial(0.5, 1.0, 1.0), polynomial(1 / 24, 1 / 6, 0.5, 1.0, 1.0)
 
 

@@ -40,7 +40,7 @@ def make_cache(body: Body, world: World, kind) -> Pack:
     count, faces = len(body.barriers.energy), np.unique(body.barriers.nodes[:, :3], axis=0)
     edges = {(a, b) for p, q, r in faces.tolist() for a, b in (((p, q), (q, r), (r, p)) if r >= 0 else ())}
     ends = faces[faces[:, 2] < 0, :2]
-    closed = all((b, a) in edges for a, b in edges) and np.array_equal(*map(np.sort, ends.T))
+    closed = all((b, a) in edges for a, b in edges) and sorted(ends[:, 0]) == sorted(ends[:, 1])
     return Pack("barriers", slope=kind.vectors(3 * count), active=kind.scratch(count, "int64"),
                 faces=faces if closed else faces[:0], inner=np.unique(body.barriers.nodes[:, 3]),
                 turned=kind.vectors(len(body.mass)), ray=RAY)  # fmt: skip
