@@ -111,8 +111,9 @@ REGISTRY = {result.name: result for result in (
         3, "objects_scenes.csv", "objects_methods.csv", "objects_methods.svg", follows=("object *",),
     ),
     published(
-        "objects.layers", "one layer and two on a floor, by the pressure of their gas",
-        1, "objects_layers.csv", "objects_layers.svg", follows=("object *",),
+        "objects.layers", "one layer and two on a floor; order and time of the matrix, costs of Song's methods",
+        2, "objects_layers.csv", "objects_skyline.csv", "objects_costs.csv", "objects_layers.svg", "objects_texts.svg",
+        follows=("object *",),
     ),
     published(
         "objects.solids", "solids of finite elements: errors, costs and largest steps of every method",

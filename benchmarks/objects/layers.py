@@ -1,9 +1,10 @@
-"""Why two layers: one layer and two on a floor, with gas and without, and both layers in an impact."""
+"""Why two layers: one and two on a floor, with gas and without, and in an impact; and what the texts state."""
 
 import numpy as np
 
 from benchmarks.common.charts import BLUE, ORANGE, panels, save
 from benchmarks.common.tables import RESULTS, columns, publish, read_table
+from benchmarks.objects import texts
 from fish_env import Tank
 from fish_env.soft.elements import make_compartments
 from fish_env.soft.objects import GLOBE, OBJECTS, RING, SPHERE, Layered, room
@@ -107,4 +108,5 @@ def draw() -> None:
 
 
 if __name__ == "__main__":
-    publish(__doc__, {"objects_layers.csv": measure}, draw)
+    tables = {"objects_layers.csv": measure, "objects_skyline.csv": texts.skyline, "objects_costs.csv": texts.costs}
+    publish(__doc__, tables, lambda: (draw(), texts.draw()))
