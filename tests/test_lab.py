@@ -88,7 +88,8 @@ def test_a_change_goes_on_in_the_same_motion():
         scene.set("walls", walls)
         found = scene.objects[0].tank.world.planes
         assert (0 if found is None else len(found)) == planes and len(scene.frame().walls) == shown
-    scene.set("pressure", 0.0)
+    for name, value in (("density", 1.0), ("inner_density", 1.0), ("pressure", 0.0)):
+        scene.set(name, value)
     assert scene.objects[0].tank.fish.body.compartments is None and not advance(scene, 6).failure
 
 

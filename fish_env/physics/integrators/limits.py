@@ -45,9 +45,14 @@ def motion(body: Body, world: World, subtracted: float = 0.0) -> tuple[np.ndarra
         root = np.linalg.inv(np.linalg.cholesky(mass[free][:, free]))
         parts: Any = [assemble(forces.rest_matrices(body, elastic), free.size, free.size) for elastic in (True, False)]
         parts[0] -= assemble([taut(body, subtracted)], free.size, free.size)
+        rigid = np.linalg.qr(np.linalg.solve(root, rigid_motions(body)[free]))[0]
+        kept = np.eye(len(root)) - rigid @ rigid.T  # else gas that its springs do not balance would turn the body
+        matrices = tuple(kept @ root @ part[free][:, free] @ root.T @ kept for part in parts)
         if world.anchors is not None:
-            add_anchors(body, world.anchors, *parts)
-        matrices = tuple(root @ part[free][:, free] @ root.T for part in parts)
+            held = anchored(body, world.anchors)
+            matrices = tuple(
+                own + root @ part[free][:, free] @ root.T for own, part in zip(matrices, held, strict=True)
+            )
     one, around = np.eye(len(matrices[0])), world if large else world._replace(anchors=None)
     bounds = forces.bounds(body._replace(barriers=None), around)  # barriers are inactive at rest
     elastic, viscous = np.sum([(0.0, world.viscosity * body.inverse_mass.max()), *bounds], axis=0)
@@ -62,12 +67,26 @@ def taut(body: Body, factor: float) -> tuple[np.ndarray, np.ndarray]:
     return nodes, (factor * stiffness * (1.0 - rest / length))[:, None, None] * apart
 
 
-def add_anchors(body: Body, anchors: Anchors, elastic: np.ndarray, viscous: np.ndarray) -> None:
-    """Add anchors to the stiffness and the damping (3N,3N) of a body at rest; across a drag spring they are stiffer."""
+def rigid_motions(body: Body) -> np.ndarray:
+    """Displacements (3N,K) of the rigid motions that leave all fixed degrees of freedom where they are."""
+    x = body.position - body.position.mean(axis=0)
+    turns = np.stack([np.cross(axis, x) for axis in np.eye(3)], axis=2)
+    all_six = np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), turns], axis=2).reshape(-1, 6)
+    all_six /= np.maximum(np.linalg.norm(all_six, axis=0), 1e-300)
+    fixed = all_six[body.inverse_mass.ravel() == 0.0]
+    sizes, axes = np.linalg.svd(np.concatenate([fixed, np.zeros((6, 6))]))[1:]
+    motions = all_six @ axes[sizes < 1e-9].T
+    return motions[:, np.linalg.norm(motions, axis=0) > 1e-9]
+
+
+def anchored(body: Body, anchors: Anchors) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness and damping (3N,3N) of anchors on a body at rest; across a drag spring they are less."""
+    elastic, viscous = np.zeros((2, body.position.size, body.position.size))
     for node, point, _, stiffness, damping, length in zip(*anchors, strict=True):
         i, way = slice(3 * node, 3 * node + 3), point - body.position[node]
         elastic[i, i] += stiffness * np.eye(3)
         viscous[i, i] += damping * (np.outer(way, way) / max(way @ way, 1e-300) if length else np.eye(3))
+    return elastic, viscous
 
 
 def roots(elastic: np.ndarray, viscous: np.ndarray) -> np.ndarray:
@@ -111,7 +130,9 @@ def polynomial(*coefficients: float) -> Limit:
         fastest = np.abs(rates).max()
         if fastest == 0.0:
             return math.inf
-        rates = rates[np.abs(rates) > 1e-6 * fastest]  # rigid motion, to rounding
+        rates = rates[
+            (np.abs(rates) > 1e-6 * fastest) & (np.real(rates) <= 1e-6 * fastest)
+        ]  # no rigid motion or collapse
         if amplifies and (np.abs(np.real(rates)) < UNDAMPED * np.abs(rates)).any():
             return 0.0
         steps = 2.0 * len(coefficients) / fastest * TRIED
