@@ -219,9 +219,15 @@ def scenes():
         yield line(kind, *map(tiny, worst), f"{min(row['times_real_time'] for row in rows):.0f}")
     for kind in layers.STANDARD:
         for count in (1, 2):
-            rows = read_table("objects_layers.csv", object=kind, layers=count)
+            rows = read_table("objects_layers.csv", object=kind, layers=count, drop=layers.DROPS[0])
             kept = {row["pressure_over_standard"]: row["kept"] for row in rows}
             yield line(kind, count, *(f"{abs(kept[p]):.2f}" for p in (0.0, 0.0625, 0.25, 1.0)))
+        rows = read_table("objects_layers.csv", object=kind, layers=2, pressure_over_standard=0.0)
+        yield line(kind, *(f"{row['kept']:.2f}" for row in rows))
+    for level, row in enumerate(read_table("objects_skyline.csv", object="uniform sphere")):
+        sizes = (f"{row[key]:,}" for key in ("nodes", "springs", "faces", "chosen_entries"))
+        chosen, own = (f"{us:,.0f}" if us >= 10.0 else f"{us:.1f}" for us in (row["chosen_us"], row["own_us"]))
+        yield line(level, *sizes, chosen, f"{row['own_entries']:,}", own)
     for kind in SONG:
         found = {row["method"]: row for row in read_table("objects_methods.csv", object=kind)}
         yield line(kind, *(f"{step(found[k]['stable_ms'])}; {step(found[k]['scenes_ms'])}" for k in survey.METHODS))

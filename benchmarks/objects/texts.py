@@ -4,6 +4,7 @@ import time
 from contextlib import contextmanager, nullcontext
 
 import numpy as np
+from matplotlib.colors import to_rgb
 
 from benchmarks.common.charts import BLUE, GREY, METHOD_STYLE, ORANGE, panels, save
 from benchmarks.common.tables import RESULTS, columns, read_table
@@ -120,8 +121,9 @@ def draw() -> None:
     system = implicit_matrix(make_beam(), 1 / 60)
     inverse = np.linalg.inv(system)
     filled = [np.abs(each) > 1e-9 * np.abs(each).max() for each in (system, inverse)]
-    matrix.spy(filled[1], markersize=0.3, color=GREY)
-    matrix.spy(filled[0], markersize=0.8, color=BLUE)
+    colours = np.array([to_rgb(colour) for colour in ("white", GREY, BLUE)])
+    matrix.imshow(colours[np.where(filled[0], 2, filled[1])], interpolation="none")
+    matrix.grid(False)
     share = [100 * each.mean() for each in filled]
     matrix.set_title(f"S of a beam: {share[0]:.0f} % not zero; its inverse (grey): {share[1]:.0f} %", fontsize=10)
     save(figure, RESULTS / "objects_texts.svg")
