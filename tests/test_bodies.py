@@ -130,7 +130,7 @@ SOFT = [
     ({"body": "tetrahedral", "lumping": "thirds"}, "unknown rule 'thirds'; choose from 'matched', 'quarter', 'uni"),
     ({"body": "two_layer", "inner_size": 1.0}, "inner_size is 1.0; give a number between 0 and 1"),
     ({"body": "two_layer", "inner_mass": 0.0}, "inner_mass is .*; give"),
-    ({"body": "two_layer", "pressure": -1.0}, r"pressures \(Pa\) is -1.0 at \(0,\); give positive numbers"),
+    ({"body": "two_layer", "pressure": -1.0}, r"pressures \(Pa\) is -1.0 at \(0,\); give zero or positive numbers"),
 ]
 
 
