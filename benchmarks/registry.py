@@ -69,6 +69,11 @@ REGISTRY = {result.name: result for result in (
         3, "elements_beam.csv", "elements_strains.csv", "docs/images/elements.svg", follows=("object *",),
     ),
     published(
+        "stability.claim", "share of failed fish over the step of six methods, and what the steps cost",
+        1.5, "stability_claim.csv", "stability_claim.svg", "docs/images/claim.svg", one_core=True,
+        follows=("body mass_spring", "body published", "water *"),
+    ),
+    published(
         "stability.survey", "step-size limits of every method, on every body and against stiffness",
         20, "stability_limits.csv", "stability.svg", one_core=True, follows=EVERY_BODY,
     ),
