@@ -11,6 +11,7 @@ from benchmarks.calibration import living_fish
 from benchmarks.common.tables import columns, line, read_table, select
 from benchmarks.objects import layers, solids, survey
 from benchmarks.objects.scenes import SCENES
+from benchmarks.stability import claim
 from benchmarks.water import levels
 from fish_env.soft.objects import OBJECTS, SONG
 
@@ -391,6 +392,44 @@ def default_step():
     yield f"of the initial state {min(magnified):.0f}- to {max(magnified):.0f}-fold"
 
 
+def claims():
+    """Longest steps without failures, costs there, and what fails at the published step."""
+    found = {name: [claim.longest_safe(body=body, integrator=name) for body in claim.FISH] for name in claim.METHODS}
+    for name, ((published, cost), *others) in found.items():
+        cells = (f"{short(1e3 * safe)}; {short(each)}" for safe, each in others)
+        yield line(claim.METHODS[name], f"{short(published)}; {short(1e3 * cost)}", *cells)
+    steps = {name: np.array([safe for safe, _ in pairs]) for name, pairs in found.items()}
+    tu, default = steps["semi_implicit"], steps["leapfrog_chebyshev"]
+    euler, midpoint = tu / steps["explicit_euler"], tu / steps["midpoint"]
+    assert euler[1] < 1.0 and midpoint[1] < 1.0 and (steps["symplectic_euler"] >= tu).all()
+    assert all((default >= each).all() for each in steps.values())
+    yield f"steps {euler[0]:.0f} and {euler[2]:.0f} times as long as explicit Euler, and {midpoint[0]:.1f} and"
+    yield f"and {midpoint[2]:.1f} times as long as midpoint"
+    yield f"{(default / tu).min():.0f} to {(default / tu).max():.0f} times as long as Tu's"
+    pairs = zip(found["symplectic_euler"], found["semi_implicit"], strict=True)
+    assert all(own / cost < 0.55 for (_, own), (_, cost) in pairs)  # half the time or less
+    lost = {kind: {} for kind in claim.COMMANDS}
+    for row in read_table("stability_claim.csv", body="published", step_s=claim.PUBLISHED):
+        lost[row["commands"]][row["integrator"]] = 100 * row["failed"] / row["fish"]
+    assert not any(each[name] for each in lost.values() for name in ("symplectic_euler", "rk4", "leapfrog_chebyshev"))
+    turn, random = (lost[kind]["semi_implicit"] for kind in ("abrupt", "random"))
+    yield f"Tu's method loses {turn:.0f} % of the fish in the abrupt turn and {random:.0f} % under random commands"
+    rows = read_table("stability_claim.csv", body="reactive", integrator="leapfrog_chebyshev", step_s=0.002)
+    yield f"loses {min(r['failed'] for r in rows)} to {max(r['failed'] for r in rows)} of 64 fish at 2 ms"
+
+
+def claim_in_short():
+    """The abrupt turn of the published fish."""
+    safe = {name: claim.longest_safe(body="published", commands="abrupt", integrator=name) for name in claim.METHODS}
+    tu, cost = safe["semi_implicit"]
+    euler, midpoint = (tu / safe[name][0] for name in ("explicit_euler", "midpoint"))
+    yield f"steps {euler:.0f} times as long as explicit Euler and {midpoint:.1f} times as long as midpoint"
+    own, default = (safe[name][0] / tu for name in ("symplectic_euler", "leapfrog_chebyshev"))
+    assert 0.45 < safe["symplectic_euler"][1] / cost < 0.6  # half the time
+    yield f"Symplectic Euler takes steps {own:.2f} times as long as Tu's method, for half the time"
+    yield f"the default {default:.1f} times as long"
+
+
 def choices():
     """Reasons for choices, and single sentences."""
     yield f"It costs {intervals()[0]:.1f} times as much in a batch."
@@ -433,7 +472,7 @@ def nothing_fitted():
 
 
 PAGES = {
-    "choosing-an-integrator": (methods, own_steps, least_prices, failures, default_step),
+    "choosing-an-integrator": (claims, methods, own_steps, least_prices, failures, default_step),
     "choosing-a-body": (bodies, fits, transfers),
     "choosing-the-water": (water_tables,),
     "nothing-fitted": (nothing_fitted,),
@@ -442,7 +481,7 @@ PAGES = {
     "results validation": (beside_living_fish,),
     "performance": (rates, peers),
     "soft-objects": (scenes, beam, moved_solids),
-    "../README design choosing-the-water recipes": (choices,),
+    "../README design choosing-the-water recipes": (choices, claim_in_short),
 }
 
 

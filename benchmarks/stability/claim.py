@@ -21,7 +21,8 @@ from fish_env import Fish, Tank, make_fish
 
 METHODS = {
     "explicit_euler": "explicit Euler", "midpoint": "midpoint", "rk4": "Runge-Kutta 4",
-    "symplectic_euler": "symplectic Euler", "semi_implicit": "Tu's semi-implicit", "leapfrog_chebyshev": "the default, not refined",
+    "symplectic_euler": "symplectic Euler", "semi_implicit": "Tu's semi-implicit",
+    "leapfrog_chebyshev": "the default, not refined",
 }  # fmt: skip
 FISH = {"published": {"body": "published"}, "drag": {"water": "drag"}, "reactive": {"water": "reactive"}}
 """Arguments of `make_fish` by name."""
@@ -94,7 +95,7 @@ def measure() -> list[dict]:
 
 
 def longest_safe(**wanted) -> tuple[float, float]:
-    """Largest step, s, at and below which no fish of the rows fails, and cost there, ms per simulated s."""
+    """Largest step, s, at and below which no fish of the rows fails, and highest cost there, ms per simulated s."""
     safe: dict[float, bool] = {}
     rows = read_table("stability_claim.csv", **wanted)
     for row in rows:
