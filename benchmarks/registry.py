@@ -65,10 +65,6 @@ REGISTRY = {result.name: result for result in (
         15, "held_out.csv", "held_out.svg", one_core=True, follows=(*EVERY_BODY, "water drag"),
     ),
     published(
-        "accuracy.finite_elements", "tetrahedra against beam theory; measures of strain in rotation and bending",
-        3, "elements_beam.csv", "elements_strains.csv", "docs/images/elements.svg", follows=("object *",),
-    ),
-    published(
         "stability.claim", "share of failed fish over the step of six methods, and what the steps cost",
         1.5, "stability_claim.csv", "stability_claim.svg", "docs/images/claim.svg", one_core=True,
         follows=("body mass_spring", "body published", "water *"),
@@ -112,17 +108,16 @@ REGISTRY = {result.name: result for result in (
         3, "fidelity.csv", "docs/images/fidelity.svg", follows=EVERY_BODY,
     ),
     published(
-        "objects.survey", "elastic objects dropped, thrown and dragged; largest steps and errors of Song's methods",
-        3, "objects_scenes.csv", "objects_methods.csv", "objects_methods.svg", follows=("object *",),
+        "objects.survey",
+        "elastic objects dropped, thrown and dragged; Song's methods; one layer and two; order and time of the matrix",
+        5, "objects_scenes.csv", "objects_methods.csv", "objects_methods.svg", "objects_layers.csv",
+        "objects_layers.svg", "objects_skyline.csv", "objects_costs.csv", "objects_texts.svg", follows=("object *",),
     ),
     published(
-        "objects.layers", "one layer and two on a floor; order and time of the matrix, costs of Song's methods",
-        2, "objects_layers.csv", "objects_skyline.csv", "objects_costs.csv", "objects_layers.svg", "objects_texts.svg",
-        follows=("object *",),
-    ),
-    published(
-        "objects.solids", "solids of finite elements: errors, costs and largest steps of every method",
-        2, "solids_methods.csv", "solids_methods.svg", follows=("object *",),
+        "objects.solids",
+        "solids of finite elements: errors, costs and largest steps of every method; elements against beam theory",
+        5, "solids_methods.csv", "solids_methods.svg", "elements_beam.csv", "elements_strains.csv",
+        "docs/images/elements.svg", follows=("object *",),
     ),
     published(
         "calibration.living_fish", "every body and the best gait beside living fish: speed, sweep, sway of the midline",

@@ -3,8 +3,7 @@
 import numpy as np
 
 from benchmarks.common.charts import BLUE, ORANGE, panels, save
-from benchmarks.common.tables import RESULTS, columns, publish, read_table
-from benchmarks.objects import texts
+from benchmarks.common.tables import RESULTS, columns, read_table
 from fish_env import Tank
 from fish_env.soft.elements import make_compartments
 from fish_env.soft.objects import GLOBE, OBJECTS, RING, SPHERE, Layered, room
@@ -105,8 +104,3 @@ def draw() -> None:
     right.set(title="a ring flies into a wall", xlabel="ms", ylabel="mean velocity towards the wall, m/s")
     right.legend(frameon=False, fontsize=8)
     save(figure, RESULTS / "objects_layers.svg")
-
-
-if __name__ == "__main__":
-    tables = {"objects_layers.csv": measure, "objects_skyline.csv": texts.skyline, "objects_costs.csv": texts.costs}
-    publish(__doc__, tables, lambda: (draw(), texts.draw()))

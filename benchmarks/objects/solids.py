@@ -1,4 +1,4 @@
-"""Solids of finite elements: which method moves them.
+"""Solids of finite elements: which method moves them, and how near they are to theory (`finite_elements.py`).
 
 A beam oscillates in free flight: errors against a reference solution, and the largest stable step. Then it is let go
 oscillating, twisted by half a turn, or inside out, with shorter and shorter steps until it gains no energy in a second.
@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.common.charts import METHOD_STYLE, panels, save
 from benchmarks.common.tables import RESULTS, publish, read_table
 from benchmarks.common.timing import interleaved
-from benchmarks.objects import methods
+from benchmarks.objects import finite_elements, methods
 from fish_env import Tank
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.world import VACUUM
@@ -95,7 +95,7 @@ def error_and_cost(row: dict) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw() -> None:
-    """Draw error over cost, linear and corotational, and the largest step of each start."""
+    """Draw error over cost, linear and corotational, and the largest step of each start; the chart of the elements."""
     figure, axes = panels(3, (14.0, 4.2))
     for panel, strain in zip(axes, ("linear", "corotational"), strict=False):
         for row in read_table("solids_methods.csv", strain=strain):
@@ -111,7 +111,9 @@ def draw() -> None:
                          linewidth=0.8)  # fmt: skip
     axes[2].set(title="beam, corotational: largest step that lasts", ylabel="step, ms")
     save(figure, RESULTS / "solids_methods.svg")
+    finite_elements.draw()
 
 
 if __name__ == "__main__":
-    publish(__doc__, {"solids_methods.csv": compare}, draw)
+    elements = {"elements_beam.csv": finite_elements.refined, "elements_strains.csv": finite_elements.strains}
+    publish(__doc__, {"solids_methods.csv": compare} | elements, draw)

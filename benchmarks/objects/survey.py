@@ -1,4 +1,4 @@
-"""Elastic objects dropped, thrown and dragged, and Song's methods on hers (Song 2009, ch. 5 and 7).
+"""Elastic objects dropped, thrown and dragged, Song's methods on hers (Song 2009, ch. 5 and 7), one layer and two.
 
 Steps that survive are those of a sixtieth of a second divided by a whole number with which an object passes through
 all three scenes: nothing fails, no inner node leaves the outer layer, and the energy grows by less than SURVIVES.
@@ -11,6 +11,7 @@ import numpy as np
 
 from benchmarks.common.charts import METHOD_STYLE, panels, save
 from benchmarks.common.tables import RESULTS, publish, read_table
+from benchmarks.objects import layers, texts
 from benchmarks.objects.methods import errors, largest_stable, largest_surviving, line_of, reference
 from benchmarks.objects.scenes import FRAME, SCENES, energy_of_fall, outside, play, stage, watched
 from fish_env.soft.objects import OBJECTS, SONG
@@ -80,7 +81,7 @@ def methods() -> list[dict]:
 
 
 def draw() -> None:
-    """Draw the chart: error over the step on each object."""
+    """Draw the error over the step on each object, and the chart of the layers."""
     figure, axes = panels(len(SONG), (14.0, 3.9))
     for row in read_table("objects_methods.csv"):
         panel, (colour, marker) = axes[list(SONG).index(row["object"])], METHOD_STYLE[row["method"]]
@@ -94,7 +95,11 @@ def draw() -> None:
     axes[0].set_ylabel("error, object's lengths")
     axes[-1].legend(frameon=False, fontsize=8)
     save(figure, RESULTS / "objects_methods.svg")
+    layers.draw()
+    texts.draw()
 
 
 if __name__ == "__main__":
-    publish(__doc__, {"objects_scenes.csv": passes, "objects_methods.csv": methods}, draw)
+    tables = {"objects_scenes.csv": passes, "objects_methods.csv": methods, "objects_layers.csv": layers.measure,
+              "objects_skyline.csv": texts.skyline, "objects_costs.csv": texts.costs}  # fmt: skip
+    publish(__doc__, tables, draw)

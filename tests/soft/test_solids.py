@@ -11,7 +11,7 @@ from moving import tiered
 from scipy.optimize import brentq
 from small_bodies import bar_task
 
-from benchmarks.accuracy import finite_elements
+from benchmarks.objects import finite_elements
 from benchmarks.common import beam
 from benchmarks.common.tables import read_table
 from benchmarks.objects.scenes import SCENES, watched

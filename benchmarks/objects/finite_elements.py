@@ -9,7 +9,7 @@ from scipy.integrate import solve_bvp
 
 from benchmarks.common import beam
 from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
-from benchmarks.common.tables import IMAGES, columns, publish, read_table
+from benchmarks.common.tables import IMAGES, columns, read_table
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.records import Body
 from fish_env.physics.world import VACUUM
@@ -138,7 +138,3 @@ def draw() -> None:
     for panel in (refinement, axes[0]):
         panel.legend(frameon=False, fontsize=8)
     save(figure, IMAGES / "elements.svg")
-
-
-if __name__ == "__main__":
-    publish(__doc__, {"elements_beam.csv": refined, "elements_strains.csv": strains}, draw)
