@@ -11,9 +11,9 @@ from moving import tiered
 from scipy.optimize import brentq
 from small_bodies import bar_task
 
-from benchmarks.objects import finite_elements
 from benchmarks.common import beam
 from benchmarks.common.tables import read_table
+from benchmarks.objects import finite_elements
 from benchmarks.objects.scenes import SCENES, watched
 from benchmarks.objects.solids import METHODS, released
 from benchmarks.stability import attack, attack_search, cases, mistreatment, survey
