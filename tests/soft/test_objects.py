@@ -10,10 +10,11 @@ from moving import FIXED_STEP, Block, tiered
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
+from benchmarks.common.tables import read_table
 from benchmarks.objects.layers import HEAVY, collapse, impact
 from benchmarks.objects.methods import largest_surviving
 from benchmarks.objects.scenes import DRAG_SPRING, SCENES, watched
-from fish_env import Tank, make_fish
+from fish_env import INTEGRATORS, Tank, make_fish
 from fish_env.physics.body import make_body
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.linalg.ldlt import profile_in
@@ -77,6 +78,46 @@ def test_only_rigid_motions_are_free(name, rigid):
     assert values[rigid] > 1e-3 * values[-1]
 
 
+@plain
+def test_string_resists_either_way():
+    """Two nodes and a spring, one fixed, the other free along x: none, or stiffness times the change of length."""
+    body, still = make_string().body, np.zeros((2, 3))
+    assert (body.inverse_mass > 0).tolist() == [[False] * 3, [True, False, False]] and len(body.springs.nodes) == 1
+    for longer in (0.0, -0.05, 0.05):
+        x = body.position + longer * (body.inverse_mass > 0)
+        f = Evaluator(body, VACUUM).force(body.springs.rest_length, x, still)
+        np.testing.assert_allclose(f[:, 0], [8.0 * longer, -8.0 * longer], atol=1e-14)
+
+
+def test_springs_of_the_ring():
+    """Nodes at equal angles on two circles; springs along each to the next, to the partner, and across both ways."""
+    thing = make_ring(12, inner_radius=0.05)
+    i, angle = np.arange(12), np.pi / 6 * np.arange(12)
+    j, around = (i + 1) % 12, np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    np.testing.assert_allclose(thing.body.position, np.concatenate([0.1 * around, 0.05 * around]), atol=1e-16)
+    ends = {"outer": (i, j), "inner": (i + 12, j + 12), "radius": (i, i + 12), "shear left": (i + 12, j),
+            "shear right": (j + 12, i)}  # fmt: skip
+    for kind, pair in ends.items():
+        np.testing.assert_array_equal(thing.body.springs.nodes[thing.kinds[kind]], np.stack(pair, axis=1))
+
+
+def test_sphere_of_latitudes():
+    """Nodes of equal angles, quadrilaterals and at the poles triangles, up to 5.2 times as large; springs are edges."""
+    thing, skin = make_sphere(12, 8, inner_radius=0.05), globe(12, 8)
+    polar, angle = (part.ravel() for part in np.meshgrid(np.pi / 8 * np.arange(1, 8), np.pi / 6 * np.arange(12)))
+    wanted = np.stack([np.sin(polar) * np.cos(angle), np.sin(polar) * np.sin(angle), np.cos(polar)], axis=1)
+    apart = np.linalg.norm(wanted[:, None] - skin.place, axis=2)
+    assert apart.min(axis=1).max() < 1e-15 and sorted(set(apart.argmin(axis=1))) == list(range(1, 85))
+    np.testing.assert_allclose(thing.body.position[thing.inner], 0.5 * thing.body.position[thing.outer], rtol=1e-14)
+    corners = [len(set(face)) for face in skin.faces.tolist()]
+    assert (corners.count(3), corners.count(4), len(skin.edges)) == (24, 72, (24 * 3 + 72 * 4) / 2)
+    assert [len(thing.body.springs.nodes[part]) for part in thing.kinds.values()] == [180, 180, 86, 180, 180]
+    p, lengths = skin.place[skin.faces], np.linalg.norm(np.diff(skin.place[skin.edges], axis=1), axis=2)
+    area = 0.5 * np.linalg.norm(np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]), axis=1)
+    assert set(area.argsort()[:24] % 8) == {0, 7} and area.max() / area.min() == pytest.approx(5.19, abs=0.01)
+    assert lengths.max() > 2.5 * lengths.min()
+
+
 @pytest.mark.parametrize("name", LAYERED)
 def test_one_layer_is_the_outer_one(name):
     """The outer layer alone has its nodes and springs, and no node is an inner one."""
@@ -114,6 +155,8 @@ def test_uniform_sphere_counts(level):
     """An octahedron divided n times: 4^(n+1) + 2 nodes, 12 4^n edges; six nodes have 4 neighbours, all others 6."""
     skin = octasphere(level)
     assert (len(skin.place), len(skin.edges), len(skin.faces)) == (4 ** (level + 1) + 2, 12 * 4**level, 8 * 4**level)
+    if level == 0:
+        np.testing.assert_allclose(np.linalg.norm(np.diff(skin.place[skin.edges], axis=1), axis=2), np.sqrt(2.0))
     around = np.bincount(skin.edges.ravel())
     assert sorted(set(around.tolist())) == ([4] if level == 0 else [4, 6]) and np.sum(around == 4) == 6
     np.testing.assert_allclose(np.linalg.norm(skin.place, axis=1), 1.0, rtol=1e-15)
@@ -132,6 +175,7 @@ def test_correction_rounds_the_ball(level):
     """Of an outer layer alone, whose springs start unstretched, it makes gas a larger ball as round as before.
 
     With the inner layer, whose springs to the outer one are equal, the radii differ ten times less than without.
+    Of the outer one alone, without it, the six nodes with four springs are furthest out.
     """
 
     def swollen(**how):
@@ -139,12 +183,13 @@ def test_correction_rounds_the_ball(level):
         ends = thing.body.position[thing.body.springs.nodes]
         found = equilibrium(thing.body, rest_length=np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))[thing.outer]
         radius = np.linalg.norm(found - found.mean(axis=0), axis=1)
-        return radius.mean() / 0.1, np.ptp(radius) / radius.mean()
+        return radius.mean() / 0.1, np.ptp(radius) / radius.mean(), radius[:6].min() / radius[6:].max()
 
     assert even_factors(octasphere(level)).mean() == pytest.approx(1.0)
     assert even_factors(octasphere(level)).min() > 0.25
     assert swollen(layers=1)[0] > 1.05 and swollen(layers=1)[1] < 1e-6
     assert swollen(correction=True)[1] < 0.0031 and swollen(correction=False)[1] > 0.0195
+    assert swollen(layers=1, correction=False)[2] > 1.018
 
 
 @pytest.mark.parametrize(("skin", "details", "whole"), [(circle, (48, 96), np.pi), (octasphere, (2, 3), 4 / 3 * np.pi)])
@@ -167,6 +212,11 @@ def test_gas_of_a_layer_may_be_missing():
     faces = octasphere(1).faces
     whole, hole = (volume_of(faces, one.body.position * size)[0] for size in (1.0, 0.7))
     np.testing.assert_allclose(one.body.compartments.gas, [400.0 * (whole - hole)], rtol=1e-12)
+    alone = make_ring(layers=1)
+    springs = alone.body.springs._replace(stiffness=np.full(12, 1e-9), damping=np.zeros(12))
+    tank = Tank(replace(alone, body=alone.body._replace(springs=springs)), threads=1)
+    tank.advance(200)
+    assert tank.failure[0].startswith("torn")  # without springs gas bursts
 
 
 @pytest.mark.parametrize(("layers", "inner"), [(1, {}), (2, {"inner_density": 3.0})])
@@ -223,6 +273,12 @@ def test_refused(make, arguments, message):
 # Motion
 
 
+def test_scenes_are_faster_than_real_time():
+    """In the table of the scenes, every object moves faster than the clock."""
+    rows = read_table("objects_scenes.csv")
+    assert {row["object"] for row in rows} == set(OBJECTS) and min(row["times_real_time"] for row in rows) > 1.0
+
+
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("name", [pytest.param("string", marks=pytest.mark.slow), "ring"])
 def test_scene(name, scene):
@@ -262,9 +318,10 @@ def test_bounce():
     x = np.array([[0.0, -1.001, 0.0], [0.0, -1.02, 0.0]])
     v = np.array([[0.3, -2.0, 0.0], [0.3, -2.0, 0.0]])
     body = make_body(x, [1.0, 1.0], [], [], [], [], [])
-    world = room((0.0, -1.0, 0.0), 1.0, 0.5)._replace(gravity=None)
-    found = Block(None, body, world, h=0.001).set(x, v).velocities("finish")
-    np.testing.assert_allclose(found, [[0.3, 1.0, 0.0], [0.3, 0.0, 0.0]], atol=1e-15)
+    for restitution in (0.0, 0.5, 1.0):
+        world = room((0.0, -1.0, 0.0), 1.0, restitution)._replace(gravity=None)
+        found = Block(None, body, world, h=0.001).set(x, v).velocities("finish")
+        np.testing.assert_allclose(found, [[0.3, 2.0 * restitution, 0.0], [0.3, 0.0, 0.0]], atol=1e-15)
 
 
 # One layer beside two
@@ -505,6 +562,16 @@ def test_nothing_leaves_a_closed_room(name):
     for seed in (0, 1):
         failure, depth, travel = thrown(make_ring(), name, seed, 1e-4 if name == "explicit_euler" else None)
         assert not failure and 0.0 < depth < 2.0 * travel
+
+
+@pytest.mark.parametrize("name", LAYERED)
+def test_stable_steps_grow_from_euler_to_rk4(name):
+    """Of Song's three methods, by far the shortest stable step is that of explicit Euler, and RK4 has the longest."""
+    thing = OBJECTS[name].make()
+    euler, midpoint, rk4 = (
+        INTEGRATORS[each].limit(thing.body, VACUUM) for each in ("explicit_euler", "midpoint", "rk4")
+    )
+    assert 4.0 * euler < midpoint < rk4
 
 
 def test_largest_step():
