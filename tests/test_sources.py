@@ -28,7 +28,7 @@ abstract | Two surfaces of springs around gas | soft/test_objects.py::test_built
 abstract | Layers may differ in density | soft/test_objects.py::test_densities
 abstract | Layers may move oppositely | soft/test_objects.py::test_layers_move_against_each_other_after_an_impact
 abstract | Gravity; walls, ceiling and floor | soft/test_objects.py::test_nothing_leaves_a_closed_room
-abstract | Simulated in real time | soft/test_objects.py::test_scenes_are_faster_than_real_time
+abstract | Simulated in real time | test_tables.py::test_pages
 abstract | Users deform objects and watch the response | test_lab.py::test_a_drag_brings_the_node_to_the_pointer
 1.1.1 | Elastic deformation is reversible | soft/test_solids.py::test_comes_back_to_its_shape
 1.1.1 | Plastic deformation is not | left out: the text defines it, and its objects are elastic
@@ -108,7 +108,7 @@ abstract | Users deform objects and watch the response | test_lab.py::test_a_dra
 5.1.1 | Explicit Euler: the slope at the start | soft/test_soft_methods.py::test_step_equals_its_reference
 5.1.2 | Midpoint: the slope in the middle | soft/test_soft_methods.py::test_step_equals_its_reference
 5.1.2 | Pseudocode: mean of two slopes | differs: the text's equations have the slope in the middle
-5.1 | Explicit Euler is the least stable, midpoint stabler | soft/test_objects.py::test_stable_steps_grow_from_euler_to_rk4
+5.1 | Euler is the least stable, midpoint stabler | soft/test_objects.py::test_stable_steps_grow_from_euler_to_rk4
 5.1.3 | RK4: slopes weighted 1, 2, 2, 1 | soft/test_soft_methods.py::test_step_equals_its_reference
 5.1 | Orders of accuracy: 1, 2 and 4 | test_methods.py::test_order
 5.1 | Pictures of the slopes that the methods take | figure

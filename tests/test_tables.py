@@ -217,7 +217,9 @@ def scenes():
         rows = read_table("objects_scenes.csv", object=kind)
         assert [row["scene"] for row in rows] == list(SCENES) and not any(row["escapes"] for row in rows)
         worst = [max(row[key] for row in rows) for key in ("growth", "growth_at_half_step", "depth_over_travel")]
-        yield line(kind, *map(tiny, worst), f"{min(row['times_real_time'] for row in rows):.0f}")
+        faster = min(row["times_real_time"] for row in rows)
+        assert faster > 1.0
+        yield line(kind, *map(tiny, worst), f"{faster:.0f}")
     for kind in layers.STANDARD:
         for count in (1, 2):
             rows = read_table("objects_layers.csv", object=kind, layers=count, drop=layers.DROPS[0])
