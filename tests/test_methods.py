@@ -246,7 +246,7 @@ def test_stages_grow_with_the_step(name, body):
 
 @pytest.mark.parametrize("stages", [2, 3, 5, 12, 60])
 def test_filter(stages):
-    """The filter is 1 at rest; kicks of all vibrations within its reach are positive and at most what is stable, 4."""
+    """The filter is 1 at rest; kicks of all vibrations within its reach are positive, and 0.95 of what is stable, 4."""
     midpoint, first, factor, reach = leapfrog_chebyshev.polynomial(stages)
     t = np.cosh(np.arange(stages + 1) * np.arccosh(midpoint))
     z = np.linspace(1e-6, reach, 2000)
@@ -255,7 +255,7 @@ def test_filter(stages):
         pull = 2.0 * (first + midpoint * a) - factor * z * a
         a, before = (t[s] * pull - t[s - 1] * before) / t[s + 1], a
     assert abs(a[0] - 1.0) < 1e-5
-    assert (z * a).min() > 0.0 and 3.9 < (z * a).max() <= 4.0 + 1e-9
+    assert (z * a).min() > 0.0 and 3.7 < (z * a).max() <= 0.95 * 4.0 + 1e-9
 
 
 def test_polynomials_of_a_plan():
@@ -275,7 +275,7 @@ def documented(stages):
     """Midpoint, first factor, factor on stiffness and reach, by the formulas below equation (37) of docs/physics.md."""
     polynomial = Chebyshev.basis(stages)
     midpoint = 1.0 + 4.0 / stages**2
-    highest = 4.0 / (1.0 + 1.0 / polynomial(midpoint))
+    highest = 0.95 * 4.0 / (1.0 + 1.0 / polynomial(midpoint))
     factor = polynomial(midpoint) / (highest * polynomial.deriv()(midpoint))
     return midpoint, highest * factor, factor, (1.0 + midpoint) / factor
 

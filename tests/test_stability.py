@@ -235,6 +235,25 @@ def test_a_step_above_the_limit_warns(make):
         make(dt=0.005)
 
 
+@pytest.mark.parametrize("water", ["reactive", "drag"])
+@pytest.mark.parametrize("body", tiered(("mass_spring", "planar"), ("mass_spring",)))
+def test_no_step_between_is_unstable(body, water):
+    """The default method, never refined, loses no fish at any number of steps from 7 to 16 a control interval.
+
+    Half of the fish contract one side and then the other every 0.1 s, half draw full contractions at random.
+    """
+    fish, count = make_fish(body, water=water), 16
+    for steps in range(7, 17):
+        tank = Tank(fish, count, dt=fish.control_interval / steps, water=fish.water, refine=np.inf, threads=1)
+        generator = np.random.default_rng(steps)
+        for k in range(100):
+            if k % 5 == 0:
+                action = generator.choice([-1.0, 1.0], (count, fish.num_muscles))
+                action[::2] = np.where(fish.sides == (-1) ** (k // 5), 1.0, -1.0)
+            tank.swim(action, fish.control_interval)
+        assert tank.alive.all(), steps
+
+
 # Linear theory
 
 ALIKE = make_fish("mass_spring", relaxation_time=0.0003, damping_taper=[1.0] * 6).body

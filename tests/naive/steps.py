@@ -250,7 +250,7 @@ def chebyshev_filter(stages, operator):
     nu = 1.0 + 4.0 / stages**2
     chebyshev = np.polynomial.Chebyshev.basis(stages)
     top, slope = chebyshev(nu), chebyshev.deriv()(nu)
-    constant = 4.0 / (1.0 + 1.0 / top)
+    constant = 0.95 * 4.0 / (1.0 + 1.0 / top)
     beta = top / slope / constant
     shifted = chebyshev.convert(kind=np.polynomial.Polynomial)(np.polynomial.Polynomial([nu, -beta]))
     coefficients = -constant * shifted.coef[1:] / top

@@ -318,7 +318,8 @@ def add_change(body, world, control, x, v, f, cache):
     t, speed = cache.t[last], cache.speed[last]
     edge = (control.lightness[0] * world.added_mass[0]) * body.sections.trailing
     change = dot(speed, t) - cache.advance[0]
-    kept = change / fma(half * edge * dot(t, cache.give[last] * t), sqrt(dot(speed, speed)), 1.0)  # (91)
+    taker = last - INDEX(body.sections.fin)  # the section on which `scatter_wake` puts this part
+    kept = change / fma(half * edge * dot(t, cache.give[taker] * t), sqrt(dot(speed, speed)), 1.0)  # (91)
     cache.speed[last] = fma(kept - change, t, speed)
     wake, slope = shed(body, world, control, cache)
     scatter_wake(body, cache, (1.0 / fma(half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (82)

@@ -27,16 +27,27 @@ def present(body: Body, world: World) -> bool:
 def make_cache(body: Body, world: World, kind) -> Pack:
     """Data of `add_change`: each face's normal, area, push, friction and mobility (F,). Coefficient of friction.
 
-    `loaded` is the mobility with the water that moves with the face.
+    `loaded` is the mobility with the water that moves sideways with the face. `carried` is the mass of the water that
+    moves with it along its normal, over its own; that water takes all faces around along, so both `halves` count.
     """
     count, friction = len(body.faces.nodes), world.friction / math.sqrt(length(body))
-    inverse = body.inverse_mass.max(axis=1)
-    own, loaded = mobility(body, inverse), mobility(body, inverse * own_part(body, world))
+    inverse, (sideways, upward) = body.inverse_mass.max(axis=1), water_over_own(body, world)
+    own, loaded = mobility(body, inverse), mobility(body, inverse / (1.0 + sideways))
+    across, over = ((body.faces.share * part[body.faces.nodes]).sum(axis=1) for part in (sideways, upward))
+    carried = normals(body)[:, 1] ** 2 * across + normals(body)[:, 2] ** 2 * over
     return Pack(
         "water", normal=kind.vectors(count), size=kind.numbers(count), push=kind.numbers(count),
         pull=kind.vectors(count if friction else 0), mobility=kind.scalars(own), loaded=kind.scalars(loaded),
-        friction=friction,
+        carried=kind.scalars(carried), halves=1.0 if world.added_mass is None else 2.0, friction=friction,
     )  # fmt: skip
+
+
+def normals(body: Body) -> np.ndarray:
+    """Unit normals of the faces at rest, (F,3)."""
+    p, q, r, s = body.position[body.faces.nodes].swapaxes(0, 1)
+    rise = body.faces.depth[:, None] * [0.0, 0.0, 1.0]
+    area = np.cross(r - p + rise, s - q + rise)
+    return area / np.linalg.norm(area, axis=1, keepdims=True)
 
 
 def length(body: Body) -> float:
@@ -44,14 +55,15 @@ def length(body: Body) -> float:
     return float(np.ptp(body.position, axis=0).max()) or 1.0  # a point has no friction
 
 
-def own_part(body: Body, world: World) -> np.ndarray:
-    """Mass of each node (N,) over that with which it moves sideways: its section's with its water's."""
-    sections, part = body.sections, np.ones(len(body.mass))
+def water_over_own(body: Body, world: World) -> np.ndarray:
+    """Mass of the water that moves sideways, and upward, with each node over its own, (2,N): those of its section."""
+    sections, ratio = body.sections, np.zeros((2, len(body.mass)))
     if world.added_mass is not None and sections is not None:
         section = np.repeat(np.arange(sections.lateral.size), np.diff(sections.first))
         own = np.bincount(section, body.mass[sections.nodes])
-        part[sections.nodes] = (own / (own + world.added_mass[0] * sections.lateral))[section]
-    return part
+        for part, added, volume in zip(ratio, world.added_mass, (sections.lateral, sections.vertical), strict=True):
+            part[sections.nodes] = (added * volume / own)[section]
+    return ratio
 
 
 def mobility(body: Body, inverse: np.ndarray) -> np.ndarray:
@@ -194,7 +206,8 @@ def add_change(body, world, control, x, v, f, cache):
         speed = sqrt(square)
         change = -(fma(quadratic, speed, linear) * outward * area) - push
         slope = fma(quadratic, fma(outward, outward, square), linear * speed)  # times the speed
-        ahead = change * (speed / fma((half * cache.mobility[k]) * area, slope, speed))  # (38)
+        mobility = cache.halves * cache.mobility[k] / fma(control.lightness[0], cache.carried[k], 1.0)
+        ahead = change * (speed / fma((half * mobility) * area, slope, speed))  # (38)
         g = select(outward > 0.0, ahead, -push) * n
         if cache.friction > 0.0:
             rough = limited(resistance(friction, w, size), h, cache.mobility[k])

@@ -28,6 +28,7 @@ from fish_env.physics.integrators.common import (
 from fish_env.physics.records import Body
 
 DAMPING = 4.0  # of the polynomial: excess of its midpoint over 1, times the square of the number of stages
+MARGIN = 0.95  # of the bound of a leapfrog on z P(z), which a deformed body would pass where the filter touched it
 SAFETY = 1.2  # ratio of the highest rates of a deformed body to those at rest
 MOST_STAGES = 1000
 
@@ -41,7 +42,7 @@ def polynomial(stages: int) -> tuple[float, float, float, float]:
     angle = math.acosh(midpoint)
     last, second = math.cosh(stages * angle), math.sinh(stages * angle) / math.sinh(angle)  # T_s, U_(s-1)
     first = last / (stages * second)
-    slope = first * (1.0 + 1.0 / last) / 4.0
+    slope = first * (1.0 + 1.0 / last) / (4.0 * MARGIN)
     return midpoint, first, 2.0 * slope, (1.0 + midpoint) / slope
 
 
