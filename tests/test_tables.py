@@ -416,8 +416,6 @@ def claims():
     assert not any(each[name] for each in lost.values() for name in ("symplectic_euler", "rk4", "leapfrog_chebyshev"))
     turn, random = (lost[kind]["semi_implicit"] for kind in ("abrupt", "random"))
     yield f"Tu's method loses {turn:.0f} % of the fish in the abrupt turn and {random:.0f} % under random commands"
-    rows = read_table("stability_claim.csv", body="reactive", integrator="leapfrog_chebyshev", step_s=0.002)
-    yield f"loses {min(r['failed'] for r in rows)} to {max(r['failed'] for r in rows)} of 64 fish at 2 ms"
 
 
 def claim_in_short():

@@ -199,15 +199,15 @@ def add_change(body, world, control, x, v, f, cache):
     """
     linear, quadratic, friction, current = laws(world, control, cache)
     h = control.plans[control.row[0], H]
-    half = 0.5 * h
+    part = cache.halves * (0.5 * h)
     for k in range(cache.size.size):
         n, size, push, w = cache.normal[k], cache.size[k], cache.push[k], velocity(body, current, v, k)
         area, outward, square = body.faces.drag[k] * size, dot(n, w), dot(w, w)
         speed = sqrt(square)
         change = -(fma(quadratic, speed, linear) * outward * area) - push
         slope = fma(quadratic, fma(outward, outward, square), linear * speed)  # times the speed
-        mobility = cache.halves * cache.mobility[k] / fma(control.lightness[0], cache.carried[k], 1.0)
-        ahead = change * (speed / fma((half * mobility) * area, slope, speed))  # (38)
+        weighed = fma(control.lightness[0], cache.carried[k], 1.0) * speed
+        ahead = change * (weighed / fma((part * cache.mobility[k]) * area, slope, weighed))  # (38)
         g = select(outward > 0.0, ahead, -push) * n
         if cache.friction > 0.0:
             rough = limited(resistance(friction, w, size), h, cache.mobility[k])
