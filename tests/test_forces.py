@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 from moving import FISH, Block, close, force, rows, tiered
 from naive.steps import filtered_matrix
 
-from fish_env import make_water
+from fish_env import make_fish, make_water
 from fish_env.physics import forces
 from fish_env.physics.body import make_body, scale_body
 from fish_env.physics.failures import STRETCH_LIMIT
@@ -223,6 +223,16 @@ def test_tangent(name, factor, least, many):
         block.add("add_force_cached", "add_force")
         close(block.add("add_tangent", v=y).ravel(), wanted)
         block.set(x, v)
+
+
+def test_system_of_the_added_mass():
+    """The blocks of a turned, bent fish in water with inertia are, column by column, what `add_inertia` adds."""
+    fish = make_fish(water="reactive")
+    x, _ = naive.random_state(fish, np.random.default_rng(8), displacement=0.002)
+    x = x @ np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    block = Block(("reactive",), fish.body, fish.water, h=0.01).set(x, np.zeros_like(x))
+    columns = [block.add("add_inertia", v=way.reshape(x.shape)).ravel() for way in np.eye(x.size)]
+    close(block.matrix("add_system"), np.array(columns).T)
 
 
 @each_body
