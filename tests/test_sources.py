@@ -39,7 +39,7 @@ abstract | Users deform objects and watch the response | test_lab.py::test_a_dra
 1.3 | Dynamics: forces cause the motion | test_lab.py::test_free_fall_is_that_of_gravity
 1.6 | Parameters are changed while it moves | soft/test_objects.py::test_changed_while_it_moves
 2.1 | Particles without springs, deformable surfaces, fluid models | survey
-2.1 | Springs need shorter steps than elements | differs: not here, benchmarks/results/stability_limits.csv
+2.1 | Springs need shorter steps than elements | differs: soft/test_solids.py::test_elements_take_shorter_steps
 2.1 | Elements come to rest at least potential energy | soft/test_solids.py::test_clamped_beam_sags_to_its_equilibrium
 2.1 | Elements agree with continuum mechanics | soft/test_solids.py::test_cantilever_converges
 2.1 | A surface filled with gas acts as a balloon | soft/test_objects.py::test_one_layer_swells_as_in_closed_form

@@ -235,16 +235,22 @@ def test_a_step_above_the_limit_warns(make):
         make(dt=0.005)
 
 
-@pytest.mark.parametrize("water", ["reactive", "drag"])
-@pytest.mark.parametrize("body", tiered(("mass_spring", "planar"), ("mass_spring",)))
-def test_no_step_between_is_unstable(body, water):
-    """The default method, never refined, loses no fish at any number of steps from 7 to 16 a control interval.
+SCANS = [("mass_spring", "reactive", 1.0, 7), ("mass_spring", "drag", 1.0, 7), ("mass_spring", "reactive", 0.68, 10),
+         ("mass_spring", "reactive", 0.76, 10), ("planar", "reactive", 1.0, 7), ("planar", "drag", 1.0, 7)]  # fmt: skip
 
-    Half of the fish contract one side and then the other every 0.1 s, half draw full contractions at random.
+
+@pytest.mark.parametrize(("body", "water", "stiffness", "fewest"), SCANS)
+def test_no_step_between_is_unstable(body, water, stiffness, fewest):
+    """The default method, never refined, loses no fish at any number of steps up to 16 a control interval.
+
+    Half of the fish contract one side and then the other every 0.1 s, half draw full contractions at random. Softer
+    fish need ten steps, others seven.
     """
     fish, count = make_fish(body, water=water), 16
-    for steps in range(7, 17):
+    for steps in range(fewest, 17):
         tank = Tank(fish, count, dt=fish.control_interval / steps, water=fish.water, refine=np.inf, threads=1)
+        for i in range(count):
+            tank.vary(i, stiffness=stiffness)
         generator = np.random.default_rng(steps)
         for k in range(100):
             if k % 5 == 0:

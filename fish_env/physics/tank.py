@@ -317,7 +317,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         """Reset the fish (those of the boolean mask (B,), or all) to rest, relaxed, at time zero.
 
         Settings of `vary`, `change`, `grab`, `fix` and `move` remain, also the points of penalties and of the drag
-        spring. An environment draws those of `vary` anew at each of its resets.
+        spring. An environment draws those of `vary` at each of its resets.
         """
         which = np.ones(self.num_fish, dtype=bool) if mask is None else np.asarray(mask)
         if which.dtype != bool or which.shape != (self.num_fish,):
@@ -389,14 +389,20 @@ class Tank(ReadOnly, Generic[Elastic]):
         """
         _boundary().grab(self, node, point, stiffness, damping, rest_length, velocity)
 
-    def change(self, *, gravity=None, restitution=None, **factors: float) -> None:
+    def change(self, *, gravity=None, restitution=None, stiffness=1.0, damping=1.0, mass=1.0, inner_mass=1.0,
+               pressure=1.0) -> None:  # fmt: skip
         """Change materials and surroundings of all bodies while they move; a `reset` keeps them.
+
+        Factors are over what the tank was made with (`fish_env.soft.changes.change_body`), and not over the last ones.
 
         Args:
             gravity: (3,) m/s2; None leaves it.
             restitution: of all walls, 0 to 1; None leaves it.
-            factors: stiffness, damping, mass, inner_mass and pressure, over those that the tank was made with; one that
-                is not given is 1 (`fish_env.soft.changes.change_body`).
+            stiffness: factor on springs, tetrahedra, gas and barriers.
+            damping: factor on springs and tetrahedra.
+            mass: factor on all nodes.
+            inner_mass: further factor on the nodes of an inner layer.
+            pressure: factor on the gas; zero for none.
 
         Raises:
             ValueError: for a value that is not allowed, or a factor on what the bodies do not have.
@@ -404,6 +410,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         Warns:
             UserWarning: if the step is then too long for the method.
         """
+        factors = stiffness, damping, mass, inner_mass, pressure
         import_module("fish_env.soft.changes").change(self, gravity, restitution, factors)
 
     def fix(self, nodes, axes: str = "xyz", method: str = "elimination") -> None:

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from fish_env.checks import finite_array, frozen, positive_array
-from fish_env.physics.body import scale_body, with_rates
+from fish_env.physics.body import fix_where, scale_body, with_rates
+from fish_env.physics.engine import Engine
 from fish_env.physics.fish import ElasticObject
 from fish_env.physics.records import Body, World
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import too_long
-from fish_env.soft import conditions
+from fish_env.soft.conditions import present
 
 
 def change_body(thing: ElasticObject, stiffness=1.0, damping=1.0, mass=1.0, inner_mass=1.0, pressure=1.0) -> Body:
@@ -34,9 +35,10 @@ def change_body(thing: ElasticObject, stiffness=1.0, damping=1.0, mass=1.0, inne
     positive_array([damping, pressure], (2,), "factors on damping and pressure", zero=True)
     body, inner = scale_body(thing.body, stiffness, damping, mass), getattr(thing, "inner", np.zeros(0, np.int64))
     gas, factor = body.compartments, np.ones((len(body.mass), 1))
-    for name, value, absent in (("pressure", pressure, gas is None), ("inner_mass", inner_mass, not inner.size)):
-        if value != 1.0 and absent:
-            raise ValueError(f"{name} is {value:g}, and {thing.name!r} has no {name.split('_')[0]} part; leave it 1")
+    if pressure != 1.0 and gas is None:
+        raise ValueError(f"pressure is {pressure:g}, and {thing.name!r} has no gas; leave it 1")
+    if inner_mass != 1.0 and not inner.size:
+        raise ValueError(f"inner_mass is {inner_mass:g}, and {thing.name!r} names no inner nodes; leave it 1")
     if pressure == inner_mass == 1.0:
         return body
     if gas is not None:
@@ -58,17 +60,15 @@ def change_world(world: World, gravity=None, restitution=None) -> World:
     return world
 
 
-def change(tank: Tank, gravity, restitution, factors: dict[str, float]) -> None:
+def change(tank: Tank, gravity, restitution, factors: tuple[float, ...]) -> None:
     """`Tank.change`."""
-    made = getattr(tank, "_made", tank._own)
-    own = change_body(replace(tank.fish, body=made), **factors)
-    world = change_world(tank.world, gravity, restitution)
-    if reason := tank.integrator.refuses(own, world) or too_long(own, world, tank.integrator, tank.dt):
+    made, held = getattr(tank, "_made", tank._own), present(tank).held
+    own = change_body(replace(tank.fish, body=made), *factors)
+    body, world = fix_where(own, held) if held.any() else own, change_world(tank.world, gravity, restitution)
+    if reason := too_long(body, world, tank.integrator, tank.dt):
         warnings.warn(f"{tank.integrator.name!r} may fail on {tank.fish.name!r} now: {reason}", stacklevel=3)
-    before = conditions.present(tank)
-    held = conditions.fix_where(own, before.held) if before.held.any() else own
     tank._made, tank._own = made, frozen(own)
-    tank._set_read_only(fish=frozen(replace(tank.fish, body=held)), world=frozen(world))
+    tank._set_read_only(fish=frozen(replace(tank.fish, body=body)), world=frozen(world))
     if tank._engine is not None:
-        tank._engine = conditions.Engine(tank)
+        tank._engine = Engine(tank)
     tank.pack.set(mass=np.array(own.mass))

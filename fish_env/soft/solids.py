@@ -47,17 +47,8 @@ class Solid(InRoom):
 
 
 @representable("the beam")
-def make_beam(
-    cells=10,
-    *,
-    across=2,
-    length=0.4,
-    thickness=0.08,
-    clamped=False,
-    strain="corotational",
-    lumping="quarter",
-    **material,
-):
+def make_beam(cells=10, *, across=2, length=0.4, thickness=0.08, clamped=False, strain="corotational",
+              lumping="quarter", **material) -> Solid:  # fmt: skip
     """A beam along x with a square cross-section.
 
     Args:

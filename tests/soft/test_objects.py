@@ -384,7 +384,7 @@ def thrown(thing, name, seed, dt=None, seconds=0.3):
 
 
 def winding(thing, x):
-    """How often the outer layer winds around each inner node (I,): the sum of the angles that its faces are seen at."""
+    """Windings of the outer layer around each inner node (I,): the sum of the angles at which its faces are seen."""
     if thing.skin.shape[1] == 2:
         a, b = (x[thing.skin[:, k], :2] - x[thing.inner, None, :2] for k in range(2))
         turned = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], (a * b).sum(axis=-1))
@@ -477,8 +477,8 @@ def test_changed_while_it_moves(what, name):
     for each in (tank, wanted):
         each.velocity[:] = (1.0, -1.0, 0.0)
     tank.advance(100)
-    tank.fix([3])
-    tank.release([3])
+    for each in (tank, wanted):
+        each.fix([3])
     for new, old in zip(wanted.state, tank.state, strict=True):
         new[...] = old
     tank.change(**given)
@@ -493,11 +493,38 @@ def test_changed_while_it_moves(what, name):
     np.testing.assert_array_equal(tank.fish.body.mass, thing.body.mass)
 
 
+def single():
+    """An environment, and its tank."""
+    env = gym.make("FishEnv/Swim-v0")
+    return env, env.unwrapped.tank
+
+
+def batch():
+    """A batch of two, and its tank."""
+    env = gym.make_vec("FishEnv/Swim-v0", num_envs=2)
+    return env, env.unwrapped.tank
+
+
+@pytest.mark.parametrize("make", [single, batch])
+def test_changed_in_an_environment(make):
+    """The fish of an environment move on as those of a tank with the same change."""
+    env, tank = make()
+    env.reset(seed=0)
+    alone, action = Tank(tank.fish, tank.num_fish, water=tank.world), np.full(env.action_space.shape, 0.5, np.float32)
+    alone.set_state(tank.get_state())
+    for given in ({"mass": 2.0}, {"stiffness": 1.5, "damping": 0.3}, {"gravity": (0.0, 0.0, -1.0)}):
+        for each in (tank, alone):
+            each.change(**given)
+        env.step(action)
+        alone.swim(np.full(tank.fish.num_muscles, 0.5), tank.fish.control_interval)
+        np.testing.assert_array_equal(tank.position, alone.position)
+
+
 @pytest.mark.parametrize(
     ("make", "given", "message"),
     [
-        (make_string, {"pressure": 2.0}, "pressure is 2, and 'string' has no pressure part; leave it 1"),
-        (make_string, {"inner_mass": 2.0}, "inner_mass is 2, and 'string' has no inner part; leave it 1"),
+        (make_string, {"pressure": 2.0}, "pressure is 2, and 'string' has no gas; leave it 1"),
+        (make_string, {"inner_mass": 2.0}, "inner_mass is 2, and 'string' names no inner nodes; leave it 1"),
         (make_ring, {"damping": -1.0}, "factors on damping and pressure is -1.0"),
         (make_ring, {"restitution": 2.0}, "restitution is 2.0; give a number from 0 to 1"),
     ],

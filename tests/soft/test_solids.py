@@ -17,7 +17,7 @@ from benchmarks.objects import finite_elements
 from benchmarks.objects.scenes import SCENES, watched
 from benchmarks.objects.solids import METHODS, released
 from benchmarks.stability import attack, attack_search, cases, mistreatment, survey
-from fish_env import BODIES, Tank, make_fish, make_water, make_world
+from fish_env import BODIES, INTEGRATORS, Tank, make_fish, make_water, make_world
 from fish_env.bodies.mass_spring import LAYERS
 from fish_env.physics.body import fix, make_body
 from fish_env.physics.failures import FAILURES, STRETCH_LIMIT
@@ -35,6 +35,14 @@ from fish_env.soft.solids import SOFT, STIFF, SolidMaterial, make_ball, make_bea
 from fish_env.soft.statics import NoEquilibrium, equilibrium, linear_deflection, modes, prescribed_displacement
 
 plain = pytest.mark.usefixtures("kernels")
+
+
+def test_elements_take_shorter_steps():
+    """The largest steps of symplectic Euler on the fish of springs and on that of tetrahedra, in drag."""
+    for body, limit in (("mass_spring", 0.79e-3), ("tetrahedral", 0.15e-3)):
+        fish = make_fish(body, water="drag")
+        assert INTEGRATORS["symplectic_euler"].limit(fish.body, fish.water) == pytest.approx(limit, rel=0.04)
+
 
 # Elements in theory
 

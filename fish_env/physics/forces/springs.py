@@ -13,6 +13,7 @@ from fish_env.physics.forces.plan import FACTOR, INNER, LEAST, LOWEST, H
 from fish_env.physics.records import Body, World
 
 MOST_COMPRESSED = -0.1  # strain below which a spring's negative transverse stiffness is constant in `add_tangent`
+EVERY_WAY = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))  # of a spring that resists in all directions
 FAILURE = TORN
 ANYWHERE = True
 
@@ -35,13 +36,17 @@ def rest_matrices(body: Body, elastic):
     """
     springs, x = body.springs, body.position
     r = x[springs.nodes[:, 1]] - x[springs.nodes[:, 0]]
-    length = np.linalg.norm(r, axis=1)
-    row = np.concatenate([r, -r], axis=1) / length[:, None]
+    row = np.concatenate([r, -r], axis=1) / np.linalg.norm(r, axis=1)[:, None]
     constant = springs.stiffness if elastic else springs.damping
-    across = elastic * constant * (1.0 - springs.rest_length / length)
-    apart = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))
-    along = (constant - across)[:, None, None] * row[:, :, None] * row[:, None, :]
-    yield springs.nodes, along + across[:, None, None] * apart  # (22)
+    eta = effective(body) if elastic else np.zeros(len(constant))
+    yield springs.nodes, (constant - eta)[:, None, None] * row[:, :, None] * row[:, None, :]  # (22)
+    yield springs.nodes, eta[:, None, None] * EVERY_WAY
+
+
+def effective(body: Body) -> np.ndarray:
+    """Effective stiffness eta of the springs at rest, (E,) N/m: tension over length."""
+    nodes, stiffness, _, rest, _ = body.springs
+    return stiffness * (1.0 - rest / np.linalg.norm(body.position[nodes[:, 1]] - body.position[nodes[:, 0]], axis=1))
 
 
 @kernel

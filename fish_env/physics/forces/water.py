@@ -34,7 +34,8 @@ def make_cache(body: Body, world: World, kind) -> Pack:
     inverse, (sideways, upward) = body.inverse_mass.max(axis=1), water_over_own(body, world)
     own, loaded = mobility(body, inverse), mobility(body, inverse / (1.0 + sideways))
     across, over = ((body.faces.share * part[body.faces.nodes]).sum(axis=1) for part in (sideways, upward))
-    carried = normals(body)[:, 1] ** 2 * across + normals(body)[:, 2] ** 2 * over
+    _, aside, aloft = normals(body).T ** 2
+    carried = aside * across + aloft * over
     return Pack(
         "water", normal=kind.vectors(count), size=kind.numbers(count), push=kind.numbers(count),
         pull=kind.vectors(count if friction else 0), mobility=kind.scalars(own), loaded=kind.scalars(loaded),

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fish_env.physics import forces
+from fish_env.physics.forces import springs
 from fish_env.physics.integrators import leapfrog_chebyshev
 from fish_env.physics.integrators.leapfrog_chebyshev import MOST_STAGES, SAFETY
 from fish_env.physics.linalg.rates import assemble
@@ -44,7 +45,8 @@ def motion(body: Body, world: World, subtracted: float = 0.0) -> tuple[np.ndarra
                     mass[np.ix_(i, i)] += world.added_mass[axis - 1] * volume[k] * np.outer(share[a:b], share[a:b])
         root = np.linalg.inv(np.linalg.cholesky(mass[free][:, free]))
         parts: Any = [assemble(forces.rest_matrices(body, elastic), free.size, free.size) for elastic in (True, False)]
-        parts[0] -= assemble([taut(body, subtracted)], free.size, free.size)
+        taut = subtracted * springs.effective(body)
+        parts[0] -= assemble([(body.springs.nodes, taut[:, None, None] * springs.EVERY_WAY)], free.size, free.size)
         rigid = np.linalg.qr(np.linalg.solve(root, rigid_motions(body)[free]))[0]
         kept = np.eye(len(root)) - rigid @ rigid.T  # else gas that its springs do not balance would turn the body
         matrices = tuple(kept @ root @ part[free][:, free] @ root.T @ kept for part in parts)
@@ -57,14 +59,6 @@ def motion(body: Body, world: World, subtracted: float = 0.0) -> tuple[np.ndarra
     bounds = forces.bounds(body._replace(barriers=None), around)  # barriers are inactive at rest
     elastic, viscous = np.sum([(0.0, world.viscosity * body.inverse_mass.max()), *bounds], axis=0)
     return matrices[0] + elastic * one, matrices[1] + viscous * one
-
-
-def taut(body: Body, factor: float) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (E,2) of the springs, and their effective stiffness at rest times a factor, (E,6,6) N/m."""
-    nodes, stiffness, _, rest, _ = body.springs
-    length = np.linalg.norm(body.position[nodes[:, 1]] - body.position[nodes[:, 0]], axis=1)
-    apart = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))
-    return nodes, (factor * stiffness * (1.0 - rest / length))[:, None, None] * apart
 
 
 def rigid_motions(body: Body) -> np.ndarray:
@@ -130,9 +124,8 @@ def polynomial(*coefficients: float) -> Limit:
         fastest = np.abs(rates).max()
         if fastest == 0.0:
             return math.inf
-        rates = rates[
-            (np.abs(rates) > 1e-6 * fastest) & (np.real(rates) <= 1e-6 * fastest)
-        ]  # no rigid motion or collapse
+        least = 1e-6 * fastest
+        rates = rates[(np.abs(rates) > least) & (np.real(rates) <= least)]  # no rigid motion, and no collapse
         if amplifies and (np.abs(np.real(rates)) < UNDAMPED * np.abs(rates)).any():
             return 0.0
         steps = 2.0 * len(coefficients) / fastest * TRIED
@@ -163,10 +156,10 @@ def leapfrog(body: Body) -> float:
 
 def relaxation(body: Body) -> float:
     """Shortest relaxation time k/c of the springs and tetrahedra, s; infinite without stiffness."""
-    springs, tets = body.springs, body.tets
-    elastic = springs.stiffness > 0.0
+    units, tets = body.springs, body.tets
+    elastic = units.stiffness > 0.0
     shortest = math.inf if tets is None else float(tets.relaxation_time.min(initial=math.inf))
-    return float((springs.damping[elastic] / springs.stiffness[elastic]).min(initial=shortest))
+    return float((units.damping[elastic] / units.stiffness[elastic]).min(initial=shortest))
 
 
 def everything(body: Body, world: World) -> str:

@@ -182,7 +182,7 @@ def failed(body, world, control, x, v, f, cache):
 
 @kernel
 def windings(cache, i):
-    """How often the outer layer winds around node i: faces seen from inside less those from outside, along one ray."""
+    """Windings of the outer layer around node i: faces seen from inside less those from outside, along one ray."""
     faces, x, centre = cache.faces, cache.turned, cache.turned[INDEX(i)]
     total = 0.0 * centre.x
     for k in range(faces.shape[0]):
