@@ -24,7 +24,7 @@ from fish_env.physics.records import Body, World
 ANYWHERE = IN_WATER = True
 TURNING = 0.3  # strain whose steps are as inaccurate as those of a turn of 1 rad
 ROUNDS = 1  # of the iteration for the velocities at the middle of a kick
-SHORT = 0.2  # of their length at rest: tangent and lateral direction of a section fade where they are shorter
+SHORT = 0.5  # of their length at rest: tangent and lateral direction of a section fade where they are shorter
 TINY = 1e-30  # m2/s2, so that a tail at rest divides by no zero
 
 
