@@ -7,6 +7,7 @@ fish_env evaluate turn runs/swim/...  evaluate policies on fixed seeds (--env-kw
 fish_env compare swim runs/swim/...   compare two policies with intervals, or one with the controllers without learning
 fish_env report runs/swim/...         write one HTML page of a run, or of several beside each other
 fish_env replay FILE.npz              simulate a recorded episode again and compare bit for bit
+fish_env chart --body planar          measure which integrator and step to take; also for module:function of yours
 fish_env lab                          open the laboratory in the browser: look at soft bodies, pull and change them
 fish_env compile swim                 compile its kernels ahead of their first use, for an image or a shared folder
 fish_env versions                     name the versions of what it runs with
@@ -31,6 +32,8 @@ from typing import Any
 import gymnasium as gym
 
 import fish_env
+from fish_env.bodies.fitted import WATERS
+from fish_env.control.chart import chart
 from fish_env.control.console import INSTALL, interrupt_once, run_command
 from fish_env.control.env_spec import make_checked_batch
 from fish_env.control.evaluation import (
@@ -50,6 +53,8 @@ from fish_env.control.recording import load_recording
 from fish_env.control.replaying import replay
 from fish_env.control.statistics import compare, same_environments
 from fish_env.envs.ahead import compile_ahead, stored_kernels
+from fish_env.envs.options import fish_for
+from fish_env.physics.world import checked_water
 from fish_env.training.config import CONFIGS, FINE_TUNING, as_tuples, check_options
 
 PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch", "pygame-ce", "moviepy")
@@ -102,6 +107,7 @@ def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any
     command = add("replay", replay_file, "simulate a recorded episode again, compare bit for bit", module)
     command.add_argument("recording", type=Path, help="a file of fish_env.control.record")
     command.add_argument("--save", type=Path, help="show it too: a page or a video")
+    add_chart_options(add("chart", chart_methods, "measure which integrator and step a fish should take"))
     command = add("lab", open_laboratory, "open the laboratory, for this machine only", module)
     command.add_argument("--task", metavar="ID", help="an environment of your own, registered by --task-module")
     command.add_argument("--policy", help="a policy of your own, a file or the folder of a run")
@@ -132,6 +138,17 @@ def add_training_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--folder", type=Path, help="save the run in this folder")
     command.add_argument("--no-pictures", action="store_true", help="only evaluate the policy at the end")
     command.add_argument("--torch-threads", type=int, default=1, help="threads of the updates (default 1)")
+
+
+def add_chart_options(command: argparse.ArgumentParser) -> None:
+    """Add what `chart` takes."""
+    text = f"a fish (default mass_spring): {', '.join(fish_env.BODIES)}, or module:function, which returns one"
+    command.add_argument("--body", default="mass_spring", help=text)
+    command.add_argument("--water", choices=WATERS, help="its water (default the fish's own)")
+    command.add_argument("--task", help="with the commands of the shipped policy of a task, instead of random ones")
+    command.add_argument("--error", default="1%", help="wanted mean error, of the body length (default 1%%)")
+    command.add_argument("--save", type=Path, default=Path("chart.svg"),
+                         help="the .svg chart, beside a .csv table (default chart.svg)")  # fmt: skip
 
 
 def list_all(arguments: argparse.Namespace) -> None:
@@ -178,6 +195,19 @@ def settings_from(option: str, words: Sequence[str]) -> dict[str, Any]:
         except ValueError:
             found[name] = text
     return found
+
+
+def fish_of(name: str, water: str | None) -> fish_env.Fish:
+    """The fish of a name, or that a module:function returns; ValueError if there is none."""
+    module, colon, function = name.rpartition(":")
+    if not colon:
+        return fish_for(name, water)
+    import_task_module(module)
+    make = getattr(sys.modules[module], function, None)
+    fish = make() if callable(make) else None
+    if not isinstance(fish, fish_env.Fish):
+        raise ValueError(f"{name!r} is no function that returns a fish_env.Fish; give module:function of one")
+    return fish
 
 
 def run_training(arguments: argparse.Namespace) -> None:
@@ -291,6 +321,18 @@ def replay_file(arguments: argparse.Namespace) -> int:
     if arguments.save is not None:
         print(f"written to {write_film(recording, arguments.save)}")
     return 0 if found.same else 1
+
+
+def chart_methods(arguments: argparse.Namespace) -> None:
+    """Measure methods and steps on a fish, and print which to take."""
+    try:
+        error = float(arguments.error.removesuffix("%")) / 100
+    except ValueError as wrong:
+        raise ValueError(f"--error is {arguments.error!r}; give a percentage of the body length, such as 1%") from wrong
+    fish = fish_of(arguments.body, arguments.water)
+    world = fish.water if arguments.water is None else checked_water(arguments.water, fish.water)
+    print(chart(fish, world, arguments.save, error, arguments.task))
+    print(f"written to {arguments.save} and {arguments.save.with_suffix('.csv')}")
 
 
 def open_laboratory(arguments: argparse.Namespace) -> None:

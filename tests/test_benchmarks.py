@@ -30,7 +30,8 @@ from benchmarks.registry import REGISTRY, RESULTS, Result
 from benchmarks.speed import peers, scaling, throughput
 from fish_env import Tank, make_fish
 from fish_env.bodies.fitted import read_calibration
-from fish_env.control import best_gait, load_policy, shipped_policy, statistics
+from fish_env.control import best_gait, chart, load_policy, shipped_policy, statistics
+from fish_env.control.chart import steps_of
 from fish_env.physics.body import scale_body
 from fish_env.training.checkout import present_commit
 from fish_env.training.config import CONFIGS
@@ -467,7 +468,7 @@ def test_turn(truth):
     first order. A step of half a control interval tears the fish unless it is refined.
     """
     fish, default = TURN.fish, TURN.fish.integrator
-    assert error(truth, default, problems.steps_of(fish), refine=fish.refine) <= work_precision.ACCURATE
+    assert error(truth, default, steps_of(fish), refine=fish.refine) <= work_precision.ACCURATE
     assert error(truth, default, 8) <= work_precision.ACCURATE
     assert error(truth, default, 2) == np.inf > error(truth, default, 2, refine=fish.refine)
     assert 1.0 < problems.magnified(TURN, truth, 128) < 1000.0
@@ -480,7 +481,7 @@ def test_turn(truth):
 @pytest.mark.slow
 def test_single_precision():
     """The default in float32 stays within 5e-6 body lengths of float64 over the abrupt manoeuvre."""
-    steps = problems.steps_of(FISH)
+    steps = steps_of(FISH)
     double, single = (problems.run(TURN, FISH.integrator, steps, refine=FISH.refine, dtype=dtype)[0]
                       for dtype in ("float64", "float32"))  # fmt: skip
     assert 0.0 < problems.distance(FISH, single, double) <= 5e-6
@@ -494,7 +495,7 @@ def test_fast_strokes(frequency, by_default, by_midpoint):
     scene = problems.Problem("fast", "a fast stroke", FISH, FISH.water, goal)
     reference = problems.run(scene, "rk4", 64)[0]
     for name, steps, off in (
-        (FISH.integrator, problems.steps_of(FISH), by_default),
+        (FISH.integrator, steps_of(FISH), by_default),
         ("midpoint", 96, by_midpoint),
     ):
         path, _ = problems.run(scene, name, steps)
@@ -518,14 +519,13 @@ def test_held_out(monkeypatch):
     whole = held_out.setting("mass_spring", "reactive")
     assert whole.goals.shape == (65, 100, 12) and whole.goals.min() >= 0.0 and whole.goals.max() <= 1.0
     assert len({goals.tobytes() for goals in whole.goals}) == 65
-    scenes = whole._replace(goals=whole.goals[-9:, :30])
-    moved = held_out.move(scenes, FISH.integrator, 6, batch=20)
+    scenes = whole._replace(goals=whole.goals[-9:, :30], kinds=whole.kinds[-8:])
+    moved = chart.move(scenes, FISH.integrator, 6, batch=20)
     alone, _ = problems.run(replace(TURN, contraction=scenes.goals[-1]), FISH.integrator, 6)
     np.testing.assert_array_equal(moved.path[:, -1], alone)
-    monkeypatch.setattr(held_out, "FEWEST", 32)
-    monkeypatch.setattr(held_out, "FAMILIES", ((held_out.sprints, 8),))
-    magnified = np.sort(held_out.magnification(scenes, 32)[:-1])
-    monkeypatch.setattr(held_out, "MAGNIFIED", magnified[4])
-    row = held_out.measure("mass_spring", "reactive", scenes, held_out.reference(scenes), (FISH.integrator, 6, np.inf))
+    magnified = np.sort(chart.magnification(scenes, 32)[:-1])
+    monkeypatch.setattr(chart, "MAGNIFIED", magnified[4])
+    truth = chart.reference(scenes, 32)
+    row = held_out.row_of("mass_spring", "reactive", scenes, truth, (FISH.integrator, 6, np.inf))
     assert (row["scenes"], row["unpredictable"], row["failed"], row["worst_of"]) == (8, 3, 0, "sprints")
     assert 0.0 < row["geometric_mean"] < row["ninety_percent"] < row["worst"] < 0.01

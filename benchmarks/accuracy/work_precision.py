@@ -17,8 +17,8 @@ from benchmarks.common.charts import METHOD_STYLE, legend_below, panels, save
 from benchmarks.common.problems import FIXED
 from benchmarks.common.tables import RESULTS, publish, read_table, select
 from fish_env import INTEGRATORS, make_fish
+from fish_env.control.chart import SUBSTEPS
 
-SUBSTEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
 DEFAULT = make_fish().integrator
 LINES = [*((name, np.inf) for name in FIXED), (DEFAULT, make_fish().refine)]
 """Methods, and what refines their steps: the default method with its own refinement too."""

@@ -13,10 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common.families import bang_bang, bends, chirp, gaits, held, reversals, sprints, square, wandering
+from benchmarks.common.families import bends, chirp, held, reversals, wandering
 from benchmarks.common.motion import SECONDS, record
 from benchmarks.common.tables import make_parser, provenance
 from fish_env import make_fish
+from fish_env.control.chart import bang_bang, gaits, sprints, square
 
 FILE = Path(__file__).with_name("task_commands.npz")
 RECORDED = ("swim", "turn", "left_after_right", "target", "avoid")  # tasks, in the order of the file

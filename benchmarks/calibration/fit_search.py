@@ -15,11 +15,12 @@ from benchmarks.calibration.performance import beyond, perform
 from benchmarks.calibration.performance import residuals as aims
 from benchmarks.common.measures import pose_of
 from benchmarks.common.motion import Motion, play, residuals
-from benchmarks.common.problems import DISTURBANCE, Problem, distance, left_after_right, run, steps_of
+from benchmarks.common.problems import Problem, distance, left_after_right, run
 from benchmarks.common.scenes import beats
 from fish_env import Fish, Tank, make_fish
 from fish_env.bodies.fitted import read_calibration
 from fish_env.control import Gait
+from fish_env.control.chart import DISTURBANCE, steps_of
 from fish_env.physics.integrators import limits
 
 LIMIT = 0.0004

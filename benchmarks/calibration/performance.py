@@ -13,10 +13,10 @@ import numpy as np
 from benchmarks.calibration.midline import Midline, swim_midlines
 from benchmarks.common import scenes
 from benchmarks.common.motion import areas
-from benchmarks.common.problems import steps_of
 from fish_env import Fish, Tank
 from fish_env.bodies import mass_spring as tu
 from fish_env.control import Gait
+from fish_env.control.chart import steps_of
 
 SECONDS, BEATS = 2.4, 2  # of a cruise, and of its end that is measured
 PHASES, SETTLING = 4, 2.0  # of the cruise before a turn: how many, s

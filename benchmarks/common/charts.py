@@ -4,18 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
+from fish_env.control.chart import STYLE
+
 BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#999999"
-METHOD_STYLE = {  # colour and marker, one marker a family
+METHOD_STYLE = STYLE | {  # colour and marker, one marker a family
     "explicit_euler": ("#999999", "x"),
-    "symplectic_euler": ("#E69F00", "o"),
-    "midpoint": ("#56B4E9", "o"),
-    "rk4": ("#0072B2", "o"),
-    "semi_implicit": ("#D55E00", "s"),
     "linearly_implicit": ("#009E73", "^"),
     "linearly_implicit_projected": ("#66C2A5", "v"),
     "linearly_implicit_water": ("#1B9E77", "<"),
-    "rosenbrock": ("#CC79A7", "D"),
-    "leapfrog_chebyshev": ("#000000", "*"),
 }
 
 

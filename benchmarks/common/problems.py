@@ -1,6 +1,5 @@
 """Scenes on which methods are compared, their reference solutions, and the fish made stiffer, softer, heavier."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
@@ -8,6 +7,7 @@ import numpy as np
 
 from fish_env import INTEGRATORS, Fish, Tank, World, make_fish
 from fish_env.control import Gait
+from fish_env.control.chart import DISTURBANCE, NotConvergedError, converge
 from fish_env.physics import body
 from fish_env.physics.world import VACUUM
 from fish_env.soft.adaptive import solve
@@ -19,12 +19,7 @@ AMPLITUDE, LAG = (
     (0.0, 0.8347, 5.453),
 )  # of a gait: fixed here so that the scenes stay the same
 FIXED = [name for name, record in INTEGRATORS.items() if record.kind != "adaptive"]  # methods with given steps
-DISTURBANCE = 1e-7  # body lengths: how far nodes are moved to see how much of it a scene makes
 CONVERGED = 2e-9  # body lengths: how little halving its steps may change a reference
-
-
-class NotConvergedError(ArithmeticError):
-    """A reference that still changes with its step: no error can be measured against it."""
 
 
 @dataclass(frozen=True)
@@ -98,11 +93,6 @@ def problems() -> dict[str, Problem]:
     }
 
 
-def steps_of(fish: Fish) -> int:
-    """Steps a control interval at the fish's own step."""
-    return round(fish.control_interval / fish.time_step)
-
-
 def tank_of(problem: Problem, integrator: str, substeps: int, num_fish=1, refine=np.inf, **options) -> Tank:
     """A tank with the fish of the problem at its start, `substeps` steps a control interval, none of them refined.
 
@@ -145,36 +135,6 @@ def magnified(problem: Problem, reference_path: np.ndarray, substeps: int) -> fl
         path, _ = run(problem, "rk4", substeps, DISTURBANCE * fish.length * noise)
         apart.append(distance(fish, path, reference_path) / DISTURBANCE)
     return max(apart)
-
-
-def converge(name: str, solve: Callable, apart: Callable, steps: tuple[int, int], allowed: float) -> tuple:
-    """A solution by RK4 whose steps are halved until nothing changes by more than is allowed, body lengths.
-
-    Args:
-        name: of what is solved.
-        solve: returns a solution by a number of steps a control interval.
-        apart: the distance of two solutions, body lengths.
-        steps: the fewest a control interval, and the most.
-        allowed: the change.
-
-    Returns:
-        The solution, its steps a control interval and the last change.
-
-    Raises:
-        NotConvergedError: if the most steps do not do.
-    """
-    (substeps, most), change = steps, np.inf
-    found = solve(substeps)
-    while not change <= allowed:
-        if 2 * substeps > most:
-            raise NotConvergedError(
-                f"{name}: RK4 with {substeps} steps an interval differs by {change:.1e} body lengths from half "
-                f"as many, more than {allowed:g}; allow more steps or take a tamer scene"
-            )
-        substeps, coarse = 2 * substeps, found
-        found = solve(substeps)
-        change = apart(found, coarse)
-    return found, substeps, change
 
 
 def reference(problem: Problem, fewest=1024, most=131_072) -> tuple[np.ndarray, int, float]:

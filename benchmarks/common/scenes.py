@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.common.measures import pose_of
-from benchmarks.common.problems import steps_of
 from benchmarks.common.search import minimise
 from fish_env import Fish, Tank
 from fish_env.bodies import mass_spring as tu
 from fish_env.control import Gait
+from fish_env.control.chart import steps_of
 
 FREQUENCIES = (1.5, 6.0)  # Hz, of the gaits that are searched, where the frequency is free
 GUESSES, POPULATION, GENERATIONS = 768, 48, 16

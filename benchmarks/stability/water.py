@@ -14,13 +14,14 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common.measures import pose_of
-from benchmarks.common.problems import Problem, distance, left_after_right, magnified, reference, run, scaled, steps_of
+from benchmarks.common.problems import Problem, distance, left_after_right, magnified, reference, run, scaled
 from benchmarks.common.tables import publish
 from benchmarks.stability.cases import Tally, own_settings
 from benchmarks.stability.mistreatment import GOALS, INTERVALS, LEVELS, Family, at_rest, noise
 from benchmarks.stability.survey import limits
 from fish_env import Fish, make_fish
 from fish_env.bodies.fitted import WATERS
+from fish_env.control.chart import steps_of
 
 FISH = {"mass_spring": 1024, "planar": 256, "two_layer": 64, "tetrahedral": 32}  # of each body and kind of command
 BATCH, EXPLAINED = 256, 16  # fish at a time; failures that are run again

@@ -6,10 +6,10 @@ round, over tanks that are made several times.
 
 import numpy as np
 
-from benchmarks.common.problems import steps_of
 from benchmarks.common.tables import publish
 from benchmarks.common.timing import Swim, costs, swimming
 from benchmarks.water.levels import PRICED, fish_in
+from fish_env.control.chart import steps_of
 
 ROUNDS = 21
 
