@@ -1,11 +1,13 @@
 """`python -m fish_env` and `train.py`: what they print and write, and that a mistake is answered in one line."""
 
+import csv
 import json
 import os
 import re
 import shlex
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
@@ -14,7 +16,7 @@ import pytest
 
 import fish_env
 from fish_env import __main__ as command_line
-from fish_env.control import compare, load_policy, make_policy_env, play, shipped_policies, shipped_policy
+from fish_env.control import chart, compare, load_policy, make_policy_env, play, shipped_policies, shipped_policy
 from fish_env.control.console import run_command
 from fish_env.control.evaluation import evaluate, means
 
@@ -130,6 +132,13 @@ def test_play_gets_what_the_command_line_says(tmp_path, monkeypatch):
         (["evaluate", "swim", "--to", "pyproject.toml/x.json"], "no file can be written in the folder"),
         (["evaluate", "docs"], "there is no policy file docs/policy.npz"),
         (["compare", "swim", "--task-module", "no.such"], "the module 'no.such' cannot be imported: No module"),
+        (["chart", "--body", "eel"], "unknown body 'eel'; choose from 'mass_spring', "),
+        (["chart", "--body", "no_such:fish"], "the module 'no_such' cannot be imported: No module named 'no_such'"),
+        (["chart", "--body", "json:dumps_all"], "'json:dumps_all' is no function that returns a fish_env.Fish"),
+        (["chart", "--error", "0"], "the error is 0 %; give a positive percentage"),
+        (["chart", "--error", "small"], "--error is 'small'; give a percentage of the body length"),
+        (["chart", "--task", "fly"], "unknown task 'fly'; choose from swim, "),
+        (["chart", "--save", "chart.png"], "give a name that ends in .svg"),
         (["train", "no_such:Own-v0"], "the module 'no_such' cannot be imported: No module named 'no_such'"),
         (["train", "fly"], "unknown task 'fly'; choose from swim, "),
         (["train", "CartPole-v1"], "is a CartPoleVectorEnv; give an environment whose batches are"),
@@ -153,9 +162,80 @@ def test_missing_extras(tmp_path):
         done = run("-c", code.format(missing, ["play", "swim", "--to", video]))
         assert done.returncode == 2 and 'pip install "fish_env[render]"' in done.stderr
         assert "Traceback" not in done.stderr and not list(tmp_path.iterdir())
+    done = run("-c", code.format("matplotlib", ["chart", "--save", str(tmp_path / "chart.svg")]))
+    assert done.returncode == 2 and 'pip install "fish_env[train]"' in done.stderr and not list(tmp_path.iterdir())
     if sys.platform.startswith("linux"):
         done = run("-m", "fish_env", "play", "swim")
         assert done.returncode == 2 and "no display" in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.fixture
+def few_scenes(monkeypatch):
+    """Charts of four short scenes and two methods."""
+    for name, value in {"SECONDS": 0.2, "FAMILIES": ((chart.bang_bang, 2), (chart.sprints, 2)), "METHODS": ("rk4",),
+                        "STEPS": {"leapfrog_chebyshev": (6, 12)}, "BATCH": 4, "REPEATS": 1}.items():  # fmt: skip
+        monkeypatch.setattr(chart, name, value)
+
+
+def test_chart(few_scenes, tmp_path, monkeypatch, capsys):
+    """Of a fish that a function of the user returns: the sentence is what the table says, and the chart is written."""
+    pytest.importorskip("matplotlib")
+    (tmp_path / "my_fish.py").write_text("import fish_env\nshort = lambda: fish_env.make_fish(length=0.3)\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    assert command_line.main(["chart", "--body", "my_fish:short", "--water", "drag", "--error", "0.2%"]) == 0
+    del sys.modules["my_fish"]
+    said = re.search(r"^take (\w+) with dt=0\.02 / (\d+): error (\S+) %, time (\S+) us", capsys.readouterr().out)
+    fish = fish_env.make_fish(length=0.3)
+    rows = list(csv.DictReader((tmp_path / "chart.csv").open()))
+    usual = [
+        row for row in rows if row["refine"] == (str(fish.refine) if row["integrator"] == fish.integrator else "inf")
+    ]
+    good = [row for row in usual if row["failed"] == "0" and float(row["geometric_mean"]) <= 0.002]
+    best = min(good, key=lambda row: float(row["us_per_interval"]))
+    assert 0 < len(good) < len(usual) < len(rows) and {row["integrator"] for row in rows} == {fish.integrator, "rk4"}
+    assert said and said[1] == best["integrator"] and said[2] == best["substeps"]
+    assert float(said[3]) == pytest.approx(100 * float(best["geometric_mean"]), rel=0.06)
+    drawn = (tmp_path / "chart.svg").read_text()
+    assert drawn.startswith("<?xml") and "</svg>" in drawn
+
+
+def test_recommended_steps():
+    """The largest safe step is that below which nothing fails, unrefined, and at most the limit of linear theory."""
+    fish = fish_env.make_fish()
+    scenes = chart.random_scenes(fish, fish.water)
+
+    def said(error, *found, lost=0):
+        rows = [{"integrator": name, "refine": refine, "substeps": k, "failed": failed + lost, "scenes": 64,
+                 "geometric_mean": mean, "us_per_interval": cost}
+                for name, k, failed, mean, cost in found
+                for refine in {np.inf, chart.refinement_of(fish, name)}]  # fmt: skip
+        return chart.recommend(scenes, rows, error)[1]
+
+    own = [(fish.integrator, 2, 0, 0.03, 1.0), (fish.integrator, 5, 3, 0.02, 2.0), (fish.integrator, 8, 0, 0.01, 3.0)]
+    rk4 = [("rk4", 1, 0, 0.3, 0.5), ("rk4", 32, 0, 0.001, 9.0)]
+    assert said(0.01, *own, *rk4).startswith(f"take {fish.integrator} with dt=0.02 / 8: error 1 %, time 3 us")
+    assert said(0.04, *own).endswith("dt=0.02 / 2: error 3 %, time 1 us a control interval; the largest safe step is "
+                                     "0.0025 s")  # fmt: skip
+    limit = fish_env.INTEGRATORS["rk4"].limit(fish.body, fish.water)
+    assert said(0.002, *own, *rk4).endswith(f"the largest safe step is {limit:.3g} s")
+    assert "the most accurate is rk4 with dt=0.02 / 32: error 0.1 %" in said(1e-4, *own, *rk4)
+    assert said(0.002, *rk4, lost=2).endswith("; 2 of 64 scenes fail with every method")
+
+
+def test_scenes_of_a_task(few_scenes):
+    """Commands are those of the shipped policy in the task, for what each muscle is told; or random actions."""
+    fish = fish_env.make_fish()
+    turn = chart.task_scenes(fish, fish.water, "turn")
+    assert turn.kinds == ("policy of turn",) * 4 and turn.goals.shape == (4, 10, 12)
+    env = make_policy_env("turn", 4)
+    obs, _ = env.reset(seed=chart.SEED)
+    first = 0.5 + 0.5 * load_policy(shipped_policy("turn"))(obs)
+    # the policy acts every 40 ms: its first action is reached at the end of the second interval
+    np.testing.assert_allclose(turn.goals[:, 1], first[:, fish.grouping("pairs")], atol=1e-6)
+    slower = replace(fish, control_interval=0.03)
+    random = chart.task_scenes(slower, fish.water, "swim")
+    assert random.kinds[0] == "random actions in swim" and random.goals.shape[1] == 7
 
 
 def test_an_environment_of_the_user(tmp_path, monkeypatch, capsys):

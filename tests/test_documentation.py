@@ -483,6 +483,7 @@ SLOW = (
     "python -m fish_env compile",
     "fish_env compile",
     "fish_env compare",
+    "fish_env chart",
     "fish_env train .*--integrator",
     "fish_env train .*--body tetrahedral",
     "fish_env evaluate .*--body two_layer",

@@ -339,20 +339,19 @@ def draw_errors(panel, rows: Sequence[dict]) -> None:
 
 
 def draw(figure, scenes: Setting, rows: Sequence[dict], best: dict, error: float) -> None:
-    """Draw the chart of some rows; a ring marks the best, a dashed line the wanted error, body lengths."""
-    from matplotlib.ticker import PercentFormatter
-
+    """Draw the chart of unrefined rows; a circle marks the best, a dashed line the wanted error, body lengths."""
     panel = figure.subplots()
     draw_errors(panel, rows)
     panel.axhline(error, color="#999999", linestyle="--", linewidth=0.8)
-    panel.plot(best["us_per_interval"], best["geometric_mean"], "o", markersize=16, color="#999999", fillstyle="none")
-    panel.yaxis.set_major_formatter(PercentFormatter(1.0))
+    panel.plot(best["us_per_interval"], best["geometric_mean"], "ko", markersize=13, fillstyle="none",
+               label="recommended")  # fmt: skip
+    panel.yaxis.set_major_formatter(lambda share, _: f"{100 * share:g}")
     panel.set(
         title=f"{scenes.fish.name}, {len(scenes.kinds)} scenes: mean, 90th percentile (tick), worst (end of the line)",
         xlabel=f"processor time of a control interval of {scenes.fish.control_interval:g} s, us",
         ylabel="error, per cent of the body length (hollow: some failed)",
     )
-    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)
 
 
 def refinement_of(fish: Fish, name: str) -> float:
@@ -389,10 +388,10 @@ def recommend(scenes: Setting, rows: Sequence[dict], error: float) -> tuple[dict
     limit = INTEGRATORS[name].limit(fish.body, scenes.world)
     step = min(max(safe, default=0.0), limit)  # a limit of nan is none
     least = "at least " if len(safe) == len(tried) and step != limit else ""
-    unmet = "" if good else f"no method tried has an error of at most {100 * error:.2g} %; "
+    unmet = f"no method tried has an error of at most {100 * error:.2g} %; the most accurate is"
     lost = f"; {fewest} of {best['scenes']} scenes fail with every method" if fewest else ""
     return best, (
-        f"{unmet}take {name} with dt={interval:g} / {best['substeps']}: error {100 * mean:.2g} %, time "
+        f"{'take' if good else unmet} {name} with dt={interval:g} / {best['substeps']}: error {100 * mean:.2g} %, time "
         f"{best['us_per_interval']:.2g} us a control interval; the largest safe step is {least}{step:.3g} s{lost}"
     )
 
@@ -432,7 +431,7 @@ def chart(fish: Fish, world: World, path: str | Path, error: float = 0.01, task:
     writer.writerows(rows)
     write_text(table, text.getvalue())
     figure = Figure(figsize=(7.5, 5.5), layout="constrained")
-    draw(figure, scenes, [row for row in rows if row["refine"] == refinement_of(fish, row["integrator"])], best, error)
+    draw(figure, scenes, [row for row in rows if row["refine"] == np.inf], best, error)
     with replacing(path) as partial:
         figure.savefig(partial, format="svg", metadata={"Date": None})
     return sentence
