@@ -146,9 +146,15 @@ def add_chart_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--body", default="mass_spring", help=text)
     command.add_argument("--water", choices=WATERS, help="its water (default the fish's own)")
     command.add_argument("--task", help="with the commands of the shipped policy of a task, instead of random ones")
-    command.add_argument("--error", default="1%", help="wanted mean error, of the body length (default 1%%)")
+    command.add_argument("--error", type=percent, default=1.0,
+                         metavar="PERCENT", help="wanted mean error, of the body length (default 1%%)")  # fmt: skip
     command.add_argument("--save", type=Path, default=Path("chart.svg"),
                          help="the .svg chart, beside a .csv table (default chart.svg)")  # fmt: skip
+
+
+def percent(text: str) -> float:
+    """The number of a text such as "1%" or "1"."""
+    return float(text.removesuffix("%"))
 
 
 def list_all(arguments: argparse.Namespace) -> None:
@@ -204,10 +210,9 @@ def fish_of(name: str, water: str | None) -> fish_env.Fish:
         return fish_for(name, water)
     import_task_module(module)
     make = getattr(sys.modules[module], function, None)
-    fish = make() if callable(make) else None
-    if not isinstance(fish, fish_env.Fish):
-        raise ValueError(f"{name!r} is no function that returns a fish_env.Fish; give module:function of one")
-    return fish
+    if callable(make) and isinstance(fish := make(), fish_env.Fish):
+        return fish
+    raise ValueError(f"{name!r} is no function that returns a fish_env.Fish; give module:function of one")
 
 
 def run_training(arguments: argparse.Namespace) -> None:
@@ -325,13 +330,9 @@ def replay_file(arguments: argparse.Namespace) -> int:
 
 def chart_methods(arguments: argparse.Namespace) -> None:
     """Measure methods and steps on a fish, and print which to take."""
-    try:
-        error = float(arguments.error.removesuffix("%")) / 100
-    except ValueError as wrong:
-        raise ValueError(f"--error is {arguments.error!r}; give a percentage of the body length, such as 1%") from wrong
     fish = fish_of(arguments.body, arguments.water)
     world = fish.water if arguments.water is None else checked_water(arguments.water, fish.water)
-    print(chart(fish, world, arguments.save, error, arguments.task))
+    print(chart(fish, world, arguments.save, arguments.error / 100, arguments.task))
     print(f"written to {arguments.save} and {arguments.save.with_suffix('.csv')}")
 
 

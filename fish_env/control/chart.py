@@ -12,7 +12,7 @@ import csv
 import io
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from itertools import takewhile
@@ -31,7 +31,6 @@ from fish_env.envs import FishVectorEnv
 from fish_env.physics.integrators import INTEGRATORS
 from fish_env.physics.records import World
 from fish_env.physics.tank import Tank
-from fish_env.tasks import TASKS
 
 SEED, SECONDS = 420_000, 2.0  # first seed, duration of a scene
 HOLDS = (1, 2, 5, 15)  # control intervals that a random contraction is held
@@ -144,8 +143,6 @@ def random_scenes(fish: Fish, world: World) -> Setting:
 
 def task_scenes(fish: Fish, world: World, task: str) -> Setting:
     """A fish in water, with the commands of a task's shipped policy in it, or random ones where none fits the fish."""
-    if task not in TASKS:
-        raise ValueError(f"unknown task {task!r}; choose from {', '.join(TASKS)}")
     options, kind = {"body": fish, "water": world}, f"policy of {task}"
     try:
         policy = shipped_policy(task)
@@ -275,10 +272,10 @@ def steps_of(fish: Fish) -> int:
     return round(fish.control_interval / fish.time_step)
 
 
-def lines(fish: Fish, world: World) -> list[Line]:
-    """Methods, steps a control interval and refinements that are tried; the fish's own first."""
+def lines(fish: Fish, world: World, steps: Mapping[str, Sequence[int]] = STEPS) -> list[Line]:
+    """Methods, steps a control interval and refinements that are tried; the fish's own first. `steps` as STEPS."""
     found = [(fish.integrator, steps_of(fish), fish.refine)]
-    found += [(name, k, np.inf) for name, steps in STEPS.items() for k in steps]
+    found += [(name, k, np.inf) for name, tried in steps.items() for k in tried]
     for name in METHODS:
         base = INTEGRATORS[name].base(fish.body)
         least = 0.5 * fish.control_interval / base if base > 0.0 else np.inf
@@ -338,47 +335,14 @@ def draw_errors(panel, rows: Sequence[dict]) -> None:
     panel.set_xticks([], minor=True)
 
 
-def draw(figure, scenes: Setting, rows: Sequence[dict], best: dict, error: float) -> None:
-    """Draw the chart of unrefined rows; a circle marks the best, a dashed line the wanted error, body lengths."""
-    panel = figure.subplots()
-    draw_errors(panel, rows)
-    panel.axhline(error, color="#999999", linestyle="--", linewidth=0.8)
-    panel.plot(best["us_per_interval"], best["geometric_mean"], "ko", markersize=13, fillstyle="none",
-               label="recommended")  # fmt: skip
-    panel.yaxis.set_major_formatter(lambda share, _: f"{100 * share:g}")
-    panel.set(
-        title=f"{scenes.fish.name}, {len(scenes.kinds)} scenes: mean, 90th percentile (tick), worst (end of the line)",
-        xlabel=f"processor time of a control interval of {scenes.fish.control_interval:g} s, us",
-        ylabel="error, per cent of the body length (hollow: some failed)",
-    )
-    figure.legend(loc="outside lower center", ncols=4, frameon=False)
-
-
-def refinement_of(fish: Fish, name: str) -> float:
-    """Strain above which environments of the fish refine the steps of a method."""
-    return fish.refine if name == fish.integrator else np.inf
-
-
-def chart_lines(fish: Fish, world: World) -> list[Line]:
-    """Those of `lines`, and more steps of the default method and the fish's own, refined as in environments or not."""
-    tried = [k for k in SUBSTEPS if k <= max(STEPS["leapfrog_chebyshev"][-1], 4 * steps_of(fish))]
-    found = lines(fish, world)
-    for name in ("leapfrog_chebyshev", fish.integrator):
-        found += [(name, k, refine) for k in tried for refine in (refinement_of(fish, name), np.inf)]
-    others = STYLE if fish.integrator in STYLE else {*STYLE, fish.integrator} - {"rosenbrock"}  # six curves at most
-    return [line for line in dict.fromkeys(found) if line[0] in others]
-
-
 def recommend(scenes: Setting, rows: Sequence[dict], error: float) -> tuple[dict, str]:
     """The least expensive row within an error, body lengths, or else the most accurate one, and a sentence about it.
 
     Its method's largest safe step is the longest at and below which no fish fails, unrefined, and at most the limit of
     linear theory.
     """
-    fish, interval = scenes.fish, scenes.fish.control_interval
-    usual = [row for row in rows if row["refine"] == refinement_of(fish, row["integrator"])]
-    fewest = min(row["failed"] for row in usual)
-    usable = [row for row in usual if row["failed"] == fewest and np.isfinite(row["geometric_mean"])]
+    fish, interval, fewest = scenes.fish, scenes.fish.control_interval, min(row["failed"] for row in rows)
+    usable = [row for row in rows if row["failed"] == fewest and np.isfinite(row["geometric_mean"])]
     good = [row for row in usable if row["geometric_mean"] <= error]
     best = min(good or usable, key=lambda row: row["us_per_interval" if good else "geometric_mean"])
     name, mean = best["integrator"], best["geometric_mean"]
@@ -409,7 +373,6 @@ def chart(fish: Fish, world: World, path: str | Path, error: float = 0.01, task:
     Raises:
         ValueError: for an error that is not positive, an unknown task or a file that cannot be written.
         NotConvergedError: if RK4 has no solution to compare with.
-        ImportError: without matplotlib or tqdm.
     """
     from matplotlib.figure import Figure
     from tqdm import tqdm
@@ -417,21 +380,32 @@ def chart(fish: Fish, world: World, path: str | Path, error: float = 0.01, task:
     if not 0.0 < error < np.inf:
         raise ValueError(f"the error is {100 * error:g} %; give a positive percentage of the body length, such as 1%")
     path = writable_file(path, (".svg",))
-    table = writable_file(path.with_suffix(".csv"), (".csv",))
     scenes = random_scenes(fish, world) if task is None else task_scenes(fish, world, task)
+    steps = [k for k in SUBSTEPS if k <= max(48, 4 * steps_of(scenes.fish))]
+    tried = lines(scenes.fish, world, dict.fromkeys(("leapfrog_chebyshev", fish.integrator), steps))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of steps that are too long: they are to be tried
         truth = reference(scenes, 64, max(error / 1000, 1e-8))
-        tried = tqdm(chart_lines(scenes.fish, world), f"{fish.name}, {scenes.kinds[-1]}" if task else fish.name)
-        rows = [measure(scenes, truth, line, BATCH)[0] for line in tried]
+        rows = [measure(scenes, truth, line, BATCH)[0] for line in tqdm(tried, fish.name)]
     best, sentence = recommend(scenes, rows, error)
     text = io.StringIO()
     writer = csv.DictWriter(text, rows[0].keys(), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    write_text(table, text.getvalue())
+    write_text(path.with_suffix(".csv"), text.getvalue())
     figure = Figure(figsize=(7.5, 5.5), layout="constrained")
-    draw(figure, scenes, [row for row in rows if row["refine"] == np.inf], best, error)
+    panel = figure.subplots()
+    draw_errors(panel, rows)
+    panel.axhline(error, color="#999999", linestyle="--", linewidth=0.8)
+    panel.plot(best["us_per_interval"], best["geometric_mean"], "ko", markersize=13, fillstyle="none",
+               label="recommended")  # fmt: skip
+    panel.yaxis.set_major_formatter(lambda share, _: f"{100 * share:g}")
+    panel.set(
+        title=f"{fish.name}, {scenes.kinds[0] if task else 'random scenes'}: mean, 90th percentile (tick), worst",
+        xlabel=f"processor time of a control interval of {scenes.fish.control_interval:g} s, us",
+        ylabel="error, per cent of the body length (hollow: some failed)",
+    )
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)
     with replacing(path) as partial:
         figure.savefig(partial, format="svg", metadata={"Date": None})
     return sentence
