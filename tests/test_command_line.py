@@ -136,7 +136,7 @@ def test_play_gets_what_the_command_line_says(tmp_path, monkeypatch):
         (["chart", "--body", "no_such:fish"], "the module 'no_such' cannot be imported: No module named 'no_such'"),
         (["chart", "--body", "json:dumps_all"], "'json:dumps_all' is no function that returns a fish_env.Fish"),
         (["chart", "--error", "0"], "the error is 0 %; give a positive percentage"),
-        (["chart", "--task", "fly"], "unknown task 'fly'; choose from swim, "),
+        (["chart", "--task", "fly"], "unknown task 'fly'; choose from 'swim', "),
         (["chart", "--save", "chart.png"], "give a name that ends in .svg"),
         (["train", "no_such:Own-v0"], "the module 'no_such' cannot be imported: No module named 'no_such'"),
         (["train", "fly"], "unknown task 'fly'; choose from swim, "),

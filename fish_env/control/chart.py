@@ -218,18 +218,8 @@ def magnification(scenes: Setting, substeps: int) -> np.ndarray:
 def converge(name: str, solve: Callable, apart: Callable, steps: tuple[int, int], allowed: float) -> tuple:
     """A solution by RK4 whose steps are halved until nothing changes by more than is allowed, body lengths.
 
-    Args:
-        name: of what is solved.
-        solve: returns a solution by a number of steps a control interval.
-        apart: the distance of two solutions, body lengths.
-        steps: the fewest a control interval, and the most.
-        allowed: the change.
-
-    Returns:
-        The solution, its steps a control interval and the last change.
-
-    Raises:
-        NotConvergedError: if the most steps do not do.
+    `solve` returns one by a number of steps a control interval, of which `steps` has the fewest and the most; `apart`
+    returns the distance of two. With it come its steps and the last change; NotConvergedError if the most do not do.
     """
     (substeps, most), change = steps, np.inf
     found = solve(substeps)
@@ -363,16 +353,9 @@ def recommend(scenes: Setting, rows: Sequence[dict], error: float) -> tuple[dict
 def chart(fish: Fish, world: World, path: str | Path, error: float = 0.01, task: str | None = None) -> str:
     """Measure methods and steps on a fish in water, write a chart and a table, and return which of them to take.
 
-    Args:
-        fish: the fish.
-        world: the water around it.
-        path: the chart, an .svg file; the table is a .csv file of the same name.
-        error: the wanted geometric mean of the errors, body lengths.
-        task: a task whose policy gives the commands; None for random ones.
-
-    Raises:
-        ValueError: for an error that is not positive, an unknown task or a file that cannot be written.
-        NotConvergedError: if RK4 has no solution to compare with.
+    The chart is an .svg file, the table a .csv file of the same name. `error` is the wanted geometric mean, body
+    lengths. The commands are those of a task's policy in it, or random ones. ValueError for an error that is not
+    positive, an unknown task or a file that cannot be written; NotConvergedError without a reference.
     """
     from matplotlib.figure import Figure
     from tqdm import tqdm
