@@ -2,8 +2,8 @@
 
 Searched are logarithms: of stiffness, damping, drag and masses themselves, and of what a muscle takes off its length.
 Minimised are squares: of the errors of every scene (`benchmarks.common.motion.residuals`); of how far the body swims
-from a trout, with the gaits of the finest one; and of what is beyond the limits of the stable step, of the error and of
-the magnification. Where bodies fold, differences are no slopes: CMA-ES needs none.
+from a trout, with the gaits of the finest one; and of what is beyond the limits of the highest rates, of the error and
+of the magnification. Where bodies fold, differences are no slopes: CMA-ES needs none.
 """
 
 from typing import NamedTuple
@@ -21,11 +21,10 @@ from fish_env import Fish, Tank, make_fish
 from fish_env.bodies.fitted import read_calibration
 from fish_env.control import Gait
 from fish_env.control.chart import DISTURBANCE, steps_of
-from fish_env.physics.integrators import limits
 
-LIMIT = 0.0004
-"""Stable step of symplectic Euler, s, that a body must have: stiffness and damping that hardly move it are expensive,
-and Tu's method has the same limit."""
+FASTEST = 1500.0
+"""Highest frequency, rad/s, and damping rate, 1/s, that are free: faster motion does not move a fish, and every method
+pays for it."""
 PREDICTABLE = 50.0
 """Times that the abrupt manoeuvre may magnify a disturbance: a fish that buckles does so a millionfold, and nobody can
 say where it ends (the finest body: 5 times)."""
@@ -39,11 +38,12 @@ RESTLESS, SPAN = {"mass_spring": 96, "planar": 96, "two_layer": 16}, 100
 """Fish whose sides pull in turns, half of them by chance and half as square waves, and for how many intervals."""
 NOISE, TURNS, WAVES = 0.05, 0.2, (1.0, 12.0)
 """Velocities of their nodes at the start, body lengths/s; chance of a change in an interval; frequencies, Hz."""
-LIVING, STEP, MAGNIFIED, INACCURATE, BUCKLING, ROLLING, NEAR = 1.0, 5.0, 1.5, 3.0, 2.0, 1.0, 0.003
+LIVING, MAGNIFIED, INACCURATE, BUCKLING, ROLLING, NEAR = 1.0, 1.5, 3.0, 2.0, 1.0, 0.003
+FAST = np.array([3.0, 1.5])
 REPEATED, DEAD = 5.0, 10.0
-"""Weights: of living fish, of a stable step that is too short, of magnification, of the error of the default step, of
+"""Weights: of living fish, of a high frequency and damping rate, of magnification, of the error of the default step, of
 sections that are nearly inverted, of roll, of how far the search has gone, and of what restless fish do."""
-FIXED = {"relaxation_time": 0.001, "contraction_time": 0.04, "outline": "trout", "time_step": 0.0025}
+FIXED = {"relaxation_time": 0.001, "contraction_time": 0.04, "outline": "trout", "time_step": 0.002}
 """Parameters of `mass_spring` that are not searched; `damping_taper` is relative to the relaxation time. Its water is
 that of the finest body."""
 OF_WATER = ("drag_coefficient", "friction", "added_mass")
@@ -217,8 +217,8 @@ class Search:
     def residuals(self, point) -> np.ndarray:
         """What squares are taken of."""
         fish = self.fish(point)
-        motion = play(fish, self.contractions)
-        limit = np.log(LIMIT / limits.leapfrog(fish.body)) if self.body != "two_layer" else 0.0
+        body, motion = fish.body, play(fish, self.contractions)
+        fast = np.log(np.array([np.sqrt(body.max_stiffness_eigenvalue), body.max_damping_eigenvalue]) / FASTEST)
         wild, off = (np.log10(max(value, 1e-9) / free) for value, free in (
             (magnification(fish), PREDICTABLE), (inaccuracy(fish), ACCURATE)
         ))  # fmt: skip
@@ -229,7 +229,7 @@ class Search:
             apart.ravel(), LIVING * living(fish, self.water),
             ROLLING * np.maximum(np.log10(np.maximum(roll(fish), 1e-9) / UPRIGHT), 0.0),
             BUCKLING * beyond(KEPT, np.nan_to_num(motion.kept, nan=-1.0)).ravel(),
-            [STEP * max(limit, 0.0), MAGNIFIED * max(wild, 0.0), INACCURATE * max(off, 0.0)],
+            FAST * np.maximum(fast, 0.0), [MAGNIFIED * max(wild, 0.0), INACCURATE * max(off, 0.0)],
             [REPEATED * again, DEAD * np.sqrt(dead)], near,
         ])  # fmt: skip
 

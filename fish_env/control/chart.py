@@ -31,6 +31,7 @@ from fish_env.envs import FishVectorEnv
 from fish_env.physics.integrators import INTEGRATORS
 from fish_env.physics.records import World
 from fish_env.physics.tank import Tank
+from fish_env.physics.tank_options import longest_step
 
 SEED, SECONDS = 420_000, 2.0  # first seed, duration of a scene
 HOLDS = (1, 2, 5, 15)  # control intervals that a random contraction is held
@@ -339,7 +340,7 @@ def recommend(scenes: Setting, rows: Sequence[dict], error: float) -> tuple[dict
     tried = [row for row in rows if row["integrator"] == name and row["refine"] == np.inf]
     tried.sort(key=lambda row: -row["substeps"])
     safe = [interval / row["substeps"] for row in takewhile(lambda row: row["failed"] == fewest, tried)]
-    limit = INTEGRATORS[name].limit(fish.body, scenes.world)
+    limit = longest_step(fish, scenes.world, INTEGRATORS[name])
     step = min(max(safe, default=0.0), limit)  # a limit of nan is none
     least = "at least " if len(safe) == len(tried) and step != limit else ""
     unmet = f"no method tried has an error of at most {100 * error:.2g} %; the most accurate is"

@@ -71,7 +71,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         options.check_scene(fish, water, self.integrator, energy, self.num_fish)
         self.energy = bool(energy)
         fish, self.world = frozen(copy.deepcopy((fish, water)))
-        if dt is not None and (reason := options.too_long(fish.body, self.world, self.integrator, self.dt)):
+        if dt is not None and (reason := options.too_long(fish, self.world, self.integrator, self.dt)):
             failing = f"{self.integrator.name!r} will fail on {fish.name!r} in this water"
             warnings.warn(f"{failing}: {reason}; give a shorter dt or none, or another integrator", stacklevel=2)
         self.fish, self._own, body, b = fish, fish.body, fish.body, self.num_fish

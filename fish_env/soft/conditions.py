@@ -174,12 +174,12 @@ def apply(tank: Tank, new: Conditions) -> None:
     if not same:
         body = fix_where(tank._own, new.held) if new.held.any() else tank._own
     world = tank.world._replace(anchors=new.anchors)
-    reason = tank.integrator.refuses(body, world) or (new.penalties and too_long(body, world, tank.integrator, tank.dt))
+    fish = tank.fish if same else replace(tank.fish, body=body)
+    reason = tank.integrator.refuses(body, world) or (new.penalties and too_long(fish, world, tank.integrator, tank.dt))
     if reason:
         raise integrator_error(tank.fish, tank.integrator, reason)
     follows = same and same_springs(tank.world.anchors, world.anchors)
-    fish = tank.fish if same else frozen(replace(tank.fish, body=body))
-    tank._set_read_only(fish=fish, world=frozen(world))
+    tank._set_read_only(fish=fish if same else frozen(fish), world=frozen(world))
     tank._conditions = new
     if tank._engine is not None and not follows:
         tank._engine = Engine(tank)
