@@ -22,9 +22,9 @@ from fish_env.bodies.fitted import read_calibration
 from fish_env.control import Gait
 from fish_env.control.chart import DISTURBANCE, steps_of
 
-FASTEST = 1500.0
-"""Highest frequency, rad/s, and damping rate, 1/s, that are free: faster motion does not move a fish, and every method
-pays for it."""
+STAGED = 36.0
+"""(h w)^2 + 2 h d that is free, of the highest frequency w and damping rate d at the body's own step h: four stages of
+the default method. Faster motion does not move a fish, and every method pays for it."""
 PREDICTABLE = 50.0
 """Times that the abrupt manoeuvre may magnify a disturbance: a fish that buckles does so a millionfold, and nobody can
 say where it ends (the finest body: 5 times)."""
@@ -38,8 +38,7 @@ RESTLESS, SPAN = {"mass_spring": 96, "planar": 96, "two_layer": 16}, 100
 """Fish whose sides pull in turns, half of them by chance and half as square waves, and for how many intervals."""
 NOISE, TURNS, WAVES = 0.05, 0.2, (1.0, 12.0)
 """Velocities of their nodes at the start, body lengths/s; chance of a change in an interval; frequencies, Hz."""
-LIVING, MAGNIFIED, INACCURATE, BUCKLING, ROLLING, NEAR = 1.0, 1.5, 3.0, 2.0, 1.0, 0.003
-FAST = np.array([3.0, 1.5])
+LIVING, FAST, MAGNIFIED, INACCURATE, BUCKLING, ROLLING, NEAR = 1.0, 8.0, 1.5, 3.0, 2.0, 1.0, 0.003
 REPEATED, DEAD = 5.0, 10.0
 """Weights: of living fish, of a high frequency and damping rate, of magnification, of the error of the default step, of
 sections that are nearly inverted, of roll, of how far the search has gone, and of what restless fish do."""
@@ -63,13 +62,13 @@ class Range(NamedTuple):
 
 SEARCHED: dict[str, dict[str, Range]] = {
     "mass_spring": {
-        "stiffness": Range([1609.0, 3141.0, 3136.0], 25.0, 40_000.0),
-        "taper": Range([1.608, 0.09302, 0.1599, 0.07746, 0.1566, 0.315], 0.02, 3.0),
-        "contracted": Range([0.6666, 0.7432, 0.7191], 0.6, 0.97),
-        "damping_taper": Range([0.5921, 0.3181, 1.622, 0.832, 1.472, 0.01098], 0.01, 20.0),
-        "mass_factor": Range([0.2812, 0.6148, 0.5061, 1.031, 0.6396, 0.9196, 2.871], 0.1, 4.0),
-        "water_place": Range([0.6471, 0.07672, 0.2874, 0.7227, 0.6224, 0.9547], 0.01, 0.99),
-        "water_drag": Range([1.326, 5.216, 0.9783, 2.032, 1.831, 0.3706], 0.1, 8.0),
+        "stiffness": Range([1646.0, 2632.0, 3099.0], 25.0, 40_000.0),
+        "taper": Range([1.45, 0.1014, 0.2, 0.08062, 0.1554, 0.272], 0.02, 3.0),
+        "contracted": Range([0.6344, 0.7423, 0.7036], 0.6, 0.97),
+        "damping_taper": Range([0.4374, 0.3962, 2.062, 0.9414, 0.6974, 0.01099], 0.01, 20.0),
+        "mass_factor": Range([0.2481, 0.6432, 0.4282, 1.265, 0.3437, 0.8245, 3.4], 0.1, 4.0),
+        "water_place": Range([0.592, 0.05489, 0.232, 0.859, 0.6342, 0.9743], 0.01, 0.99),
+        "water_drag": Range([1.353, 5.968, 0.7409, 2.345, 1.817, 0.204], 0.1, 8.0),
     },
     "planar": {
         "bending": Range([1.0] * 5, 0.2, 5.0),
@@ -218,7 +217,8 @@ class Search:
         """What squares are taken of."""
         fish = self.fish(point)
         body, motion = fish.body, play(fish, self.contractions)
-        fast = np.log(np.array([np.sqrt(body.max_stiffness_eigenvalue), body.max_damping_eigenvalue]) / FASTEST)
+        h = fish.time_step
+        fast = np.log((h * h * body.max_stiffness_eigenvalue + 2.0 * h * body.max_damping_eigenvalue) / STAGED)
         wild, off = (np.log10(max(value, 1e-9) / free) for value, free in (
             (magnification(fish), PREDICTABLE), (inaccuracy(fish), ACCURATE)
         ))  # fmt: skip
@@ -229,7 +229,7 @@ class Search:
             apart.ravel(), LIVING * living(fish, self.water),
             ROLLING * np.maximum(np.log10(np.maximum(roll(fish), 1e-9) / UPRIGHT), 0.0),
             BUCKLING * beyond(KEPT, np.nan_to_num(motion.kept, nan=-1.0)).ravel(),
-            FAST * np.maximum(fast, 0.0), [MAGNIFIED * max(wild, 0.0), INACCURATE * max(off, 0.0)],
+            [FAST * max(fast, 0.0), MAGNIFIED * max(wild, 0.0), INACCURATE * max(off, 0.0)],
             [REPEATED * again, DEAD * np.sqrt(dead)], near,
         ])  # fmt: skip
 
