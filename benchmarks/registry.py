@@ -100,8 +100,8 @@ REGISTRY = {result.name: result for result in (
         5, "scaling.csv", "docs/images/scaling.svg", follows=EVERY_BODY,
     ),
     published(
-        "speed.peers", "MuJoCo on the same springs, and its environments (needs the extra [peers])",
-        2, "speed/peers.csv",
+        "speed.peers", "MuJoCo on the same springs, environments of MuJoCo and dm_control (needs the extra [peers])",
+        4, "speed/peers.csv",
     ),
     published(
         "bodies.fidelity", "distance of every body to the finest, and its cost, in a scene of every task",
