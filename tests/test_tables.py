@@ -190,12 +190,18 @@ def rates():
 
 
 def peers():
-    """MuJoCo's time over this package's."""
+    """MuJoCo's time over this package's; environments; simulated seconds a second at 1 % error."""
     alone, many = (read_table("speed/peers.csv", what="springs", copies=k)[-1]["times_ours"] for k in (1, 256))
     yield f"takes {alone:.0f} times as long for one fish, and {many:.0f} times for each of 256"
-    for name in ("HalfCheetah-v5", "Swimmer-v5"):
-        row = one("speed/peers.csv", name=name)
-        yield line(name, f"{row['times_ours']:.1f}", f"{row['times_ours'] * 0.02 / row['simulated_s']:.1f}")
+    for row in read_table("speed/peers.csv", what="environment step")[1:]:
+        name = row["name"] if row["copies"] == 1 else f"`{row['name']}`, each of {row['copies']}"
+        yield line(name, short(row["times_ours"]), short(row["times_ours"] * 0.02 / row["simulated_s"]))
+    found = [read_table("speed/peers.csv", what="1 % error, springs in vacuum", copies=k) for k in (1, 256)]
+    for same in zip(*found, strict=True):
+        yield line(same[0]["name"], *(short(row["simulated_s"] / row["us"] * 1e6) for row in same))
+    row = least_expensive(read_table("held_out.csv", body="mass_spring", water="reactive"), 0.01, "geometric_mean")
+    name = f"swimming in reactive water: {row['integrator']}, {row['substeps']} steps"
+    yield line(name, "-", short(0.02 / row["us_per_interval"] * 1e6))
 
 
 # Elastic objects
@@ -323,8 +329,8 @@ def aims():
     row = first_held_out()
     yield f"| {100 * row['turn']:.1f} %; {100 * row['geometric_mean']:.1f} %: **missed** |"
     cheetah = one("speed/peers.csv", name="HalfCheetah-v5")
-    batch = one("throughput.csv", quantity="256 fish on one thread, steps/s")
-    yield f"| {cheetah['times_ours']:.1f}; {cheetah['us'] * batch['value'] / 1e6:.1f}: **missed** |"
+    batch = one("speed/peers.csv", name="FishEnv/Swim-v0", copies=256)
+    yield f"| {cheetah['times_ours']:.1f}; {cheetah['us'] / batch['us']:.1f}: **missed** |"
     rows = read_table("attack.csv", body="mass_spring")
     yield f"{sum(row['fish'] for row in rows):,} fish and commands | no failure | {sum(r['failures'] for r in rows)} |"
 
