@@ -382,83 +382,133 @@ def add_system(body, world, control, x, v, a, cache):
                     a[i] = fma(share[p] * share[o], columns[axis], a[i])
 
 
+def lagged_work(body: Body, kind) -> dict:
+    """Scratch memory of `solve_lagged`: shares of free nodes, also as vectors of three sections, and what it computes.
+
+    Vectors of three sections are in the order of the matrix's rows; `top` is the first row that any of the three has.
+    """
+    if body.sections is None:
+        return {}
+    nodes, first, share, *_ = body.sections
+    share = share * (body.inverse_mass[nodes] > 0.0).any(axis=1)
+    order, row, section = len(body.mass), body.profile.row[nodes], np.repeat(np.arange(len(first) - 1), np.diff(first))
+    groups = len(first) // 3 + (len(first) % 3 == 2)
+    packed = np.zeros((groups, order, 3))
+    packed[section // 3, row, section % 3] = share
+    size = 2 * (len(first) - 1)
+    return {
+        "share": kind.scalars(share), "packed": kind.rows(packed.reshape(-1, 3)),
+        "top": np.array([row[section // 3 == c].min() for c in range(groups)]),
+        "columns": kind.vectors(groups * order), "push": kind.vectors(3 * groups), "roots": kind.vectors(size),
+        "shared": kind.numbers((3 * groups) ** 2), "dense": kind.numbers(size**2), "inverse": kind.numbers(size),
+        "line": kind.numbers(size), "force": kind.numbers(size),
+    }  # fmt: skip
+
+
 @kernel
 def solve_lagged(body, world, control, x, v, system, cache):
-    """Change the velocities in `system.load` from those without added mass to those with it, for Tu's method.
+    """Add the forces of the added mass to the right-hand side of Tu's method, `system.load`, after its elimination.
 
-    With A the factored matrix of one axis and s the shares of the sections, A^-1 s is found for three sections at once.
-    Then a dense system of twice their number remains.
+    With A = L D L^T the factored matrix of one axis and s the shares of a section, L^-1 s is found for three sections
+    at once. The sections' accelerations without these forces, and what the forces change, are products of such columns.
+    Then a dense system of twice the number of sections remains.
     """
-    nodes, first, share = body.sections.nodes, body.sections.first, body.sections.share
-    load, columns, dense, force = system.load, system.columns, system.dense, system.force
-    count, order, size = cache.n.size, load.size, 2 * cache.n.size
-    for i in range(columns.size):
-        columns[i] = zero(columns)
+    load, columns, push, node, top = system.load, system.columns, system.push, body.profile.node, system.top
+    order, inverse_pivot, none = load.size, system.inverse_pivot, zero(load)
+    for c in range(top.size):
+        ldlt.forward(body.profile, system.matrix, system.packed, columns, c * order, top[c])
+    for c in range(top.size):
+        p, q, r = none, none, none
+        for i in range(top[c], order):
+            column, scaled = columns[INDEX(c * order + i)], inverse_pivot[INDEX(i)] * load[INDEX(node[i])]
+            p, q, r = fma(column.x, scaled, p), fma(column.y, scaled, q), fma(column.z, scaled, r)
+        push[INDEX(3 * c)], push[INDEX(3 * c + 1)], push[INDEX(3 * c + 2)] = p, q, r
+    set_shared(system, order)
+    set_dense(body, v, system, cache)
+    solve_dense(system.dense, system.inverse, system.line, system.force)
+    for k in range(cache.n.size):
+        a, b = INDEX(2 * k), INDEX(2 * k + 1)
+        push[k] = fma(system.force[a], system.roots[a], system.force[b] * system.roots[b])
+    for c in range(top.size):
+        p, q, r = push[INDEX(3 * c)], push[INDEX(3 * c + 1)], push[INDEX(3 * c + 2)]
+        for i in range(top[c], order):
+            column, z = columns[INDEX(c * order + i)], load[INDEX(node[i])]
+            load[INDEX(node[i])] = fma(-column.x, p, fma(-column.y, q, fma(-column.z, r, z)))
+
+
+@kernel
+def set_shared(system, order):
+    """Store how much a force on section j changes the velocity of section k, for k in the group of j or a later one."""
+    columns, shared, top, none = system.columns, system.shared, system.top, zero(system.columns)
+    width = 3 * top.size
+    for c in range(top.size):
+        for d in range(c + 1):
+            p, q, r = none, none, none
+            for i in range(max(top[c], top[d]), order):
+                scaled = system.inverse_pivot[INDEX(i)] * columns[INDEX(c * order + i)]
+                column = columns[INDEX(d * order + i)]
+                p, q, r = fma(column.x, scaled, p), fma(column.y, scaled, q), fma(column.z, scaled, r)
+            place = 3 * c * width + 3 * d
+            for each in (p, q, r):
+                shared[INDEX(place)], shared[INDEX(place + width)], shared[INDEX(place + 2 * width)] = (
+                    each.x,
+                    each.y,
+                    each.z,
+                )
+                place += 1
+
+
+@kernel
+def set_dense(body, v, system, cache):
+    """Store the dense system: lateral and vertical force of each section over the root of its added mass."""
+    first, nodes, roots, dense, force = (
+        body.sections.first,
+        body.sections.nodes,
+        system.roots,
+        system.dense,
+        system.force,
+    )
+    count, width = cache.n.size, 3 * system.top.size
     for k in range(count):
+        mean = system.push[k]
         for p in range(first[k], first[k + 1]):
-            columns[INDEX((k // 3) * order + nodes[p])] += share[p] * axis_of(k)
-    for c in range((count + 2) // 3):
-        for m in range(system.fixed.size):
-            columns[INDEX(c * order + system.fixed[m])] = zero(columns)
-        ldlt.solve_one(body.profile, system.matrix, system.inverse_pivot, columns, c * order)
-    for k in range(count):
-        mean = gather(body, load, k)
-        force[INDEX(2 * k)] = sqrt(cache.m[k]) * dot(mean, cache.n[k])
-        force[INDEX(2 * k + 1)] = sqrt(cache.q[k]) * dot(mean, cache.b[k])
+            mean = fma(-system.share[p], v[INDEX(nodes[p])], mean)
+        sideways, upward = sqrt(cache.m[k]) * cache.n[k], sqrt(cache.q[k]) * cache.b[k]
+        roots[INDEX(2 * k)], roots[INDEX(2 * k + 1)] = sideways, upward
+        force[INDEX(2 * k)], force[INDEX(2 * k + 1)] = dot(mean, sideways), dot(mean, upward)
         for j in range(k + 1):
-            shared = zero(force)
-            for p in range(first[k], first[k + 1]):
-                shared = fma(share[p], dot(columns[INDEX((j // 3) * order + nodes[p])], axis_of(j)), shared)
-            for one in range(2):
-                for other in range(2):
-                    if j == k and other > one:
-                        continue
-                    product = rooted(cache, k, one) * shared
-                    place = INDEX((2 * k + one) * size + 2 * j + other)
-                    dense[place] = dot(product, rooted(cache, j, other))
-                    if j == k and one == other:
-                        dense[place] += 1.0
-    solve_dense(dense, force, size)
-    for k in range(count):
-        cache.later[k] = force[INDEX(2 * k)] * rooted(cache, k, 0) + force[INDEX(2 * k + 1)] * rooted(cache, k, 1)
-    for k in range(count):
-        for i in range(order):
-            load[i] = fma(-dot(columns[INDEX((k // 3) * order + i)], axis_of(k)), cache.later[k], load[i])
+            shared = system.shared[INDEX(k * width + j)]
+            n, b = roots[INDEX(2 * j)], roots[INDEX(2 * j + 1)]
+            above, below = INDEX(4 * k * count + 2 * j), INDEX((4 * k + 2) * count + 2 * j)
+            dense[above], dense[above + INDEX(1)] = shared * dot(sideways, n), shared * dot(sideways, b)
+            dense[below], dense[below + INDEX(1)] = shared * dot(upward, n), shared * dot(upward, b)
+        for one in range(2 * k, 2 * k + 2):
+            dense[INDEX((2 * count + 1) * one)] += 1.0
 
 
 @kernel
-def axis_of(k):
-    """Unit vector along the axis of number k modulo 3."""
-    return vec3(1.0 if k % 3 == 0 else 0.0, 1.0 if k % 3 == 1 else 0.0, 1.0 if k % 3 == 2 else 0.0)
-
-
-@kernel
-def rooted(cache, k, upward):
-    """Root of the lateral added mass of section k times its direction, or, with upward = 1, those of the vertical."""
-    return sqrt(cache.q[k]) * cache.b[k] if upward == 1 else sqrt(cache.m[k]) * cache.n[k]
-
-
-@kernel
-def solve_dense(a, b, size):
-    """Solve a symmetric, positive definite system of a given size in place, by L D L^T of the lower triangle of a."""
+def solve_dense(a, inverse, row, b):
+    """Solve a symmetric, positive definite system in place, by L D L^T of the lower triangle of a; row is scratch."""
+    size = b.size
     for i in range(size):
+        own = i * size
+        d, y = a[INDEX(own + i)], b[INDEX(i)]
         for j in range(i):
-            s = a[INDEX(i * size + j)]
+            s = a[INDEX(own + j)]
             for k in range(j):
-                s = fma(-a[INDEX(i * size + k)] * a[INDEX(k * size + k)], a[INDEX(j * size + k)], s)
-            a[INDEX(i * size + j)] = s / a[INDEX(j * size + j)]
-        d = a[INDEX(i * size + i)]
-        for k in range(i):
-            lower = a[INDEX(i * size + k)]
-            d = fma(-lower * lower, a[INDEX(k * size + k)], d)
-            b[INDEX(i)] = fma(-lower, b[INDEX(k)], b[INDEX(i)])
-        a[INDEX(i * size + i)] = d
+                s = fma(-row[INDEX(k)], a[INDEX(j * size + k)], s)
+            row[INDEX(j)] = s
+            lower = s * inverse[INDEX(j)]
+            a[INDEX(own + j)] = lower
+            d, y = fma(-s, lower, d), fma(-lower, b[INDEX(j)], y)
+        inverse[INDEX(i)], b[INDEX(i)] = 1.0 / d, y
     for i in range(size):
-        b[INDEX(i)] = b[INDEX(i)] / a[INDEX(i * size + i)]
+        b[INDEX(i)] = inverse[INDEX(i)] * b[INDEX(i)]
     for above in range(size):
         i = size - 1 - above
+        y = b[INDEX(i)]
         for k in range(i):
-            b[INDEX(k)] = fma(-a[INDEX(i * size + k)], b[INDEX(i)], b[INDEX(k)])
+            b[INDEX(k)] = fma(-a[INDEX(i * size + k)], y, b[INDEX(k)])
 
 
 @kernel

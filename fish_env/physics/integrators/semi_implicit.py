@@ -13,6 +13,7 @@ import numpy as np
 from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import floats, fma, zero
 from fish_env.physics import forces
+from fish_env.physics.forces import reactive
 from fish_env.physics.forces.plan import H
 from fish_env.physics.integrators.common import (
     add_work,
@@ -39,10 +40,9 @@ def make_work(body: Body, kind):
     n, free = len(body.mass), body.inverse_mass > 0.0
     fixed = np.flatnonzero(~free[:, free.any(axis=0)].any(axis=1))
     matrix = kind.numbers(int(body.profile.start[n]))
-    count = 0 if body.sections is None else len(body.sections.lateral)
     return scratch(
         body, kind, "load", matrix=matrix, inverse_pivot=kind.numbers(n), row=kind.numbers(n), fixed=fixed,
-        columns=kind.vectors(n * ((count + 2) // 3)), dense=kind.numbers(4 * count**2), force=kind.numbers(2 * count),
+        **reactive.lagged_work(body, kind),
     )  # fmt: skip
 
 
@@ -81,7 +81,7 @@ def make_run(names, flows=False):
     add_force = forces.total(tuple(name for name in names if name not in lagged), "add_force")
     constrain, finish = make_constrain(names), forces.total(names, "finish")
     constrained = forces.any_has(names, "constrain")
-    add_inertia, solve_lagged = forces.total(names, "add_inertia"), forces.total(names, "solve_lagged")
+    solve_lagged = forces.total(names, "solve_lagged")
 
     @kernel
     def run(body, world, control, x, v, work, cache, n):
@@ -98,11 +98,11 @@ def make_run(names, flows=False):
             add_force(body, world, control, x, v, load, cache)
             for i in range(x.size):
                 load[i] = fma(h, load[i], mass[i] * v[i])
-            add_inertia(body, world, control, x, v, load, cache)
             eliminate(body, v, work)
-            found = ldlt.factor_solve(body.profile, matrix, load, work.inverse_pivot, work.row)  # (9)
+            found = ldlt.factor_forward(body.profile, matrix, load, work.inverse_pivot, work.row)  # (9)
             count_pivots(control, found)
             solve_lagged(body, world, control, x, v, work, cache)
+            ldlt.backward(body.profile, matrix, load, work.inverse_pivot)
             restore_fixed(body, v, load)
             if constrained:
                 for i in range(x.size):

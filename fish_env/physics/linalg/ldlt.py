@@ -87,6 +87,14 @@ def factor_solve(shape, a, b, inverse_pivot, row):
 
     inverse_pivot (N,) receives 1/D; row (N,) is scratch. Returns the numbers of non-positive and of untrusted pivots.
     """
+    found = factor_forward(shape, a, b, inverse_pivot, row)
+    backward(shape, a, b, inverse_pivot)
+    return found
+
+
+@kernel
+def factor_forward(shape, a, b, inverse_pivot, row):
+    """First half of `factor_solve`: b becomes L^-1 b."""
     first, start, node, order = shape.first, shape.start, shape.node, shape.first.size
     negative, untrusted, least = zero(a), zero(a), max(TRUSTED_PIVOT, ROUNDING * epsilon(a))
     for i in range(order):
@@ -106,6 +114,24 @@ def factor_solve(shape, a, b, inverse_pivot, row):
         b[INDEX(node[i])] = y
         negative, untrusted = check_pivot(least, diagonal, d, negative, untrusted)
         inverse_pivot[INDEX(i)] = 1.0 / d
+    return negative, untrusted
+
+
+@kernel
+def forward(shape, a, b, found, begin, top):
+    """Store L^-1 b of N more vectors b, in the order of rows, that are zero above row `top`; both from `begin` on."""
+    first, start, none = shape.first, shape.start, zero(found)
+    for i in range(top, first.size):
+        row_i, y = start[i] - first[i], none + b[INDEX(begin + i)]
+        for j in range(max(first[i], top), i):
+            y = fma(-a[INDEX(row_i + j)], found[INDEX(begin + j)], y)
+        found[INDEX(begin + i)] = y
+
+
+@kernel
+def backward(shape, a, b, inverse_pivot):
+    """Second half of `factor_solve`: b becomes L^-T D^-1 b."""
+    first, start, node, order = shape.first, shape.start, shape.node, shape.first.size
     for i in range(order):
         b[INDEX(node[i])] = inverse_pivot[i] * b[INDEX(node[i])]
     for above in range(order):
@@ -113,25 +139,6 @@ def factor_solve(shape, a, b, inverse_pivot, row):
         row_i, y = start[i] - first[i], b[INDEX(node[i])]
         for k in range(first[i], i):
             b[INDEX(node[k])] = fma(-a[INDEX(row_i + k)], y, b[INDEX(node[k])])
-    return negative, untrusted
-
-
-@kernel
-def solve_one(shape, a, inverse_pivot, b, begin):
-    """Solve for three more right-hand sides, the N vectors of b from `begin` on, with the factors of `factor_solve`."""
-    first, start, node, order = shape.first, shape.start, shape.node, shape.first.size
-    for i in range(order):
-        row_i, y = start[i] - first[i], b[INDEX(begin + node[i])]
-        for j in range(first[i], i):
-            y = fma(-a[INDEX(row_i + j)], b[INDEX(begin + node[j])], y)
-        b[INDEX(begin + node[i])] = y
-    for i in range(order):
-        b[INDEX(begin + node[i])] = inverse_pivot[INDEX(i)] * b[INDEX(begin + node[i])]
-    for above in range(order):
-        i = order - 1 - above
-        row_i, y = start[i] - first[i], b[INDEX(begin + node[i])]
-        for k in range(first[i], i):
-            b[INDEX(begin + node[k])] = fma(-a[INDEX(row_i + k)], y, b[INDEX(begin + node[k])])
 
 
 @kernel
