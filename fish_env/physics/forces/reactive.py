@@ -400,8 +400,8 @@ def lagged_work(body: Body, kind) -> dict:
         "share": kind.scalars(share), "packed": kind.rows(packed.reshape(-1, 3)),
         "top": np.array([row[section // 3 == c].min() for c in range(groups)]),
         "columns": kind.vectors(groups * order), "push": kind.vectors(3 * groups), "roots": kind.vectors(size),
-        "shared": kind.numbers((3 * groups) ** 2), "dense": kind.numbers(size**2), "inverse": kind.numbers(size),
-        "line": kind.numbers(size), "force": kind.numbers(size),
+        "shared": kind.numbers((3 * groups) ** 2), "lower": kind.numbers(size**2), "inverse": kind.numbers(2 * size),
+        "line": kind.numbers(2 * size), "force": kind.numbers(size),
     }  # fmt: skip
 
 
@@ -424,11 +424,7 @@ def solve_lagged(body, world, control, x, v, system, cache):
             p, q, r = fma(column.x, scaled, p), fma(column.y, scaled, q), fma(column.z, scaled, r)
         push[INDEX(3 * c)], push[INDEX(3 * c + 1)], push[INDEX(3 * c + 2)] = p, q, r
     set_shared(system, order)
-    set_dense(body, v, system, cache)
-    solve_dense(system.dense, system.inverse, system.line, system.force)
-    for k in range(cache.n.size):
-        a, b = INDEX(2 * k), INDEX(2 * k + 1)
-        push[k] = fma(system.force[a], system.roots[a], system.force[b] * system.roots[b])
+    solve_sections(body, v, system, cache)
     for c in range(top.size):
         p, q, r = push[INDEX(3 * c)], push[INDEX(3 * c + 1)], push[INDEX(3 * c + 2)]
         for i in range(top[c], order):
@@ -459,56 +455,81 @@ def set_shared(system, order):
 
 
 @kernel
-def set_dense(body, v, system, cache):
-    """Store the dense system: lateral and vertical force of each section over the root of its added mass."""
-    first, nodes, roots, dense, force = (
-        body.sections.first,
-        body.sections.nodes,
-        system.roots,
-        system.dense,
-        system.force,
-    )
-    count, width = cache.n.size, 3 * system.top.size
+def solve_sections(body, v, system, cache):
+    """Replace the sections' velocities in `push` by the forces of the added mass, by L D L^T with blocks of 2 x 2.
+
+    The unknowns of a section are its lateral and its vertical force over the root of its added mass.
+    """
+    first, nodes, roots, push, width = body.sections.first, body.sections.nodes, system.roots, system.push, 3 * system.top.size
+    count, lower, line, inverse, force = cache.n.size, system.lower, system.line, system.inverse, system.force
     for k in range(count):
-        mean = system.push[k]
+        mean = push[k]
         for p in range(first[k], first[k + 1]):
             mean = fma(-system.share[p], v[INDEX(nodes[p])], mean)
-        sideways, upward = sqrt(cache.m[k]) * cache.n[k], sqrt(cache.q[k]) * cache.b[k]
-        roots[INDEX(2 * k)], roots[INDEX(2 * k + 1)] = sideways, upward
-        force[INDEX(2 * k)], force[INDEX(2 * k + 1)] = dot(mean, sideways), dot(mean, upward)
-        for j in range(k + 1):
-            shared = system.shared[INDEX(k * width + j)]
-            n, b = roots[INDEX(2 * j)], roots[INDEX(2 * j + 1)]
-            above, below = INDEX(4 * k * count + 2 * j), INDEX((4 * k + 2) * count + 2 * j)
-            dense[above], dense[above + INDEX(1)] = shared * dot(sideways, n), shared * dot(sideways, b)
-            dense[below], dense[below + INDEX(1)] = shared * dot(upward, n), shared * dot(upward, b)
-        for one in range(2 * k, 2 * k + 2):
-            dense[INDEX((2 * count + 1) * one)] += 1.0
+        n, b, own = sqrt(cache.m[k]) * cache.n[k], sqrt(cache.q[k]) * cache.b[k], system.shared[INDEX(k * width + k)]
+        roots[INDEX(2 * k)], roots[INDEX(2 * k + 1)] = n, b
+        y = dot(mean, n), dot(mean, b)
+        d = fma(own, dot(n, n), 1.0), own * dot(n, b), fma(own, dot(b, b), 1.0)
+        for j in range(k):
+            shared, p, q = system.shared[INDEX(k * width + j)], roots[INDEX(2 * j)], roots[INDEX(2 * j + 1)]
+            s = shared * dot(n, p), shared * dot(n, q), shared * dot(b, p), shared * dot(b, q)
+            for i in range(j):
+                s = less_product(s, block(line, i), block(lower, j * count + i))
+            i00, i01, i11, _ = block(inverse, j)
+            found = times(s, (i00, i01, i01, i11))
+            store(line, j, s)
+            store(lower, k * count + j, found)
+            d00, d01, _, d11 = less_product((d[0], d[1], d[1], d[2]), s, found)
+            d = d00, d01, d11
+            z0, z1 = force[INDEX(2 * j)], force[INDEX(2 * j + 1)]
+            y = fma(-found[0], z0, fma(-found[1], z1, y[0])), fma(-found[2], z0, fma(-found[3], z1, y[1]))
+        one = 1.0 / fma(d[0], d[2], -d[1] * d[1])
+        store(inverse, k, (one * d[2], -one * d[1], one * d[0], one))
+        force[INDEX(2 * k)], force[INDEX(2 * k + 1)] = y
+    for k in range(count):
+        i00, i01, i11, _ = block(inverse, k)
+        z0, z1 = force[INDEX(2 * k)], force[INDEX(2 * k + 1)]
+        force[INDEX(2 * k)], force[INDEX(2 * k + 1)] = fma(i00, z0, i01 * z1), fma(i01, z0, i11 * z1)
+    for above in range(count):
+        k = count - 1 - above
+        x0, x1 = force[INDEX(2 * k)], force[INDEX(2 * k + 1)]
+        push[INDEX(k)] = fma(x0, roots[INDEX(2 * k)], x1 * roots[INDEX(2 * k + 1)])
+        for j in range(k):
+            l00, l01, l10, l11 = block(lower, k * count + j)
+            force[INDEX(2 * j)] = fma(-l00, x0, fma(-l10, x1, force[INDEX(2 * j)]))
+            force[INDEX(2 * j + 1)] = fma(-l01, x0, fma(-l11, x1, force[INDEX(2 * j + 1)]))
 
 
 @kernel
-def solve_dense(a, inverse, row, b):
-    """Solve a symmetric, positive definite system in place, by L D L^T of the lower triangle of a; row is scratch."""
-    size = b.size
-    for i in range(size):
-        own = i * size
-        d, y = a[INDEX(own + i)], b[INDEX(i)]
-        for j in range(i):
-            s = a[INDEX(own + j)]
-            for k in range(j):
-                s = fma(-row[INDEX(k)], a[INDEX(j * size + k)], s)
-            row[INDEX(j)] = s
-            lower = s * inverse[INDEX(j)]
-            a[INDEX(own + j)] = lower
-            d, y = fma(-s, lower, d), fma(-lower, b[INDEX(j)], y)
-        inverse[INDEX(i)], b[INDEX(i)] = 1.0 / d, y
-    for i in range(size):
-        b[INDEX(i)] = inverse[INDEX(i)] * b[INDEX(i)]
-    for above in range(size):
-        i = size - 1 - above
-        y = b[INDEX(i)]
-        for k in range(i):
-            b[INDEX(k)] = fma(-a[INDEX(i * size + k)], y, b[INDEX(k)])
+def block(a, place):
+    """Block number `place` of 2 x 2 numbers, row by row."""
+    k = 4 * place
+    return a[INDEX(k)], a[INDEX(k + 1)], a[INDEX(k + 2)], a[INDEX(k + 3)]
+
+
+@kernel
+def store(a, place, s):
+    """Store such a block."""
+    k = 4 * place
+    a[INDEX(k)], a[INDEX(k + 1)], a[INDEX(k + 2)], a[INDEX(k + 3)] = s
+
+
+@kernel
+def less_product(s, p, q):
+    """Compute s - p q^T of such blocks."""
+    return (
+        fma(-p[0], q[0], fma(-p[1], q[1], s[0])), fma(-p[0], q[2], fma(-p[1], q[3], s[1])),
+        fma(-p[2], q[0], fma(-p[3], q[1], s[2])), fma(-p[2], q[2], fma(-p[3], q[3], s[3])),
+    )  # fmt: skip
+
+
+@kernel
+def times(s, q):
+    """Compute s q of such blocks, for a symmetric q."""
+    return (
+        fma(s[0], q[0], s[1] * q[1]), fma(s[0], q[1], s[1] * q[3]),
+        fma(s[2], q[0], s[3] * q[1]), fma(s[2], q[1], s[3] * q[3]),
+    )  # fmt: skip
 
 
 @kernel
