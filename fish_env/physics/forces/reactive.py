@@ -420,7 +420,7 @@ def solve_lagged(body, world, control, x, v, system, cache):
     for c in range(top.size):
         p, q, r = none, none, none
         for i in range(top[c], order):
-            column, scaled = columns[INDEX(c * order + i)], inverse_pivot[INDEX(i)] * load[INDEX(node[i])]
+            column, scaled = columns[INDEX(c * order + i)], inverse_pivot[INDEX(i)] * load[INDEX(node[INDEX(i)])]
             p, q, r = fma(column.x, scaled, p), fma(column.y, scaled, q), fma(column.z, scaled, r)
         push[INDEX(3 * c)], push[INDEX(3 * c + 1)], push[INDEX(3 * c + 2)] = p, q, r
     set_shared(system, order)
@@ -428,8 +428,8 @@ def solve_lagged(body, world, control, x, v, system, cache):
     for c in range(top.size):
         p, q, r = push[INDEX(3 * c)], push[INDEX(3 * c + 1)], push[INDEX(3 * c + 2)]
         for i in range(top[c], order):
-            column, z = columns[INDEX(c * order + i)], load[INDEX(node[i])]
-            load[INDEX(node[i])] = fma(-column.x, p, fma(-column.y, q, fma(-column.z, r, z)))
+            column, z = columns[INDEX(c * order + i)], load[INDEX(node[INDEX(i)])]
+            load[INDEX(node[INDEX(i)])] = fma(-column.x, p, fma(-column.y, q, fma(-column.z, r, z)))
 
 
 @kernel

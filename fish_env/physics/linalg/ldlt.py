@@ -102,15 +102,15 @@ def factor_forward(shape, a, b, inverse_pivot, row):
         y, diagonal = b[INDEX(node[i])], a[INDEX(row_i + i)]
         d = diagonal
         for j in range(first[i], i):
-            row_j = start[j] - first[j]
+            row_j = start[INDEX(j)] - first[INDEX(j)]
             s = a[INDEX(row_i + j)]
-            for k in range(max(first[i], first[j]), j):
+            for k in range(max(first[i], first[INDEX(j)]), j):
                 s = fma(-row[INDEX(k)], a[INDEX(row_j + k)], s)
             row[INDEX(j)] = s
             lower = s * inverse_pivot[INDEX(j)]
             a[INDEX(row_i + j)] = lower
             d = fma(-s, lower, d)
-            y = fma(-lower, b[INDEX(node[j])], y)
+            y = fma(-lower, b[INDEX(node[INDEX(j)])], y)
         b[INDEX(node[i])] = y
         negative, untrusted = check_pivot(least, diagonal, d, negative, untrusted)
         inverse_pivot[INDEX(i)] = 1.0 / d
@@ -122,8 +122,8 @@ def forward(shape, a, b, found, begin, top):
     """Store L^-1 b of N more vectors b, in the order of rows, that are zero above row `top`; both from `begin` on."""
     first, start, none = shape.first, shape.start, zero(found)
     for i in range(top, first.size):
-        row_i, y = start[i] - first[i], none + b[INDEX(begin + i)]
-        for j in range(max(first[i], top), i):
+        row_i, y = start[INDEX(i)] - first[INDEX(i)], none + b[INDEX(begin + i)]
+        for j in range(max(first[INDEX(i)], top), i):
             y = fma(-a[INDEX(row_i + j)], found[INDEX(begin + j)], y)
         found[INDEX(begin + i)] = y
 
@@ -135,10 +135,10 @@ def backward(shape, a, b, inverse_pivot):
     for i in range(order):
         b[INDEX(node[i])] = inverse_pivot[i] * b[INDEX(node[i])]
     for above in range(order):
-        i = order - 1 - above
+        i = INDEX(order - 1 - above)
         row_i, y = start[i] - first[i], b[INDEX(node[i])]
-        for k in range(first[i], i):
-            b[INDEX(node[k])] = fma(-a[INDEX(row_i + k)], y, b[INDEX(node[k])])
+        for k in range(first[i], order - 1 - above):
+            b[INDEX(node[INDEX(k)])] = fma(-a[INDEX(row_i + k)], y, b[INDEX(node[INDEX(k)])])
 
 
 @kernel
