@@ -112,7 +112,23 @@ def directed(square, short):
 
 @kernel
 def set_frames(body, world, control, x, cache):
-    """Store tangent, lateral and vertical direction of every section at positions x, and its added mass over a mass."""
+    """Store the frames of `set_directions`, and every section's resistance to acceleration (`resistance`)."""
+    set_directions(body, world, control, x, cache)
+    for k in range(cache.n.size):
+        n, b, give, m, q = cache.n[k], cache.b[k], cache.give[k], cache.m[k], cache.q[k]
+        sideways, upward = fma(m, dot(n, give * n), 1.0), fma(q, dot(b, give * b), 1.0)
+        both = dot(n, give * b)
+        scale = 1.0 / fma(sideways, upward, -(m * q) * (both * both))
+        cache.nn[k], cache.nb[k] = (scale * m) * upward, -(scale * (m * q)) * both
+        cache.bn[k], cache.bb[k] = -(scale * (m * q)) * both, (scale * q) * sideways
+
+
+@kernel
+def set_directions(body, world, control, x, cache):
+    """Store tangent, lateral and vertical direction of every section at positions x, and its added mass over a mass.
+
+    Short loops: one fish computes the roots of several sections at the same time.
+    """
     sections, light = body.sections, control.lightness[0]
     for k in range(cache.n.size):
         cache.middle[k] = gather(body, x, k)
@@ -120,22 +136,15 @@ def set_frames(body, world, control, x, cache):
     cache.rise[0] = rise
     for k in range(cache.n.size):
         tangent = along(body, cache.middle, k)
-        per_length, cache.kept_t[k] = directed(dot(tangent, tangent), SHORT * SHORT)
-        t = per_length * tangent
-        side = cross(t, rise)
-        per_rise, cache.kept_n[k] = directed(dot(side, side), cache.short)
-        n = per_rise * side
-        b = cross(n, t)
-        cache.per_length[k], cache.per_rise[k], cache.t[k], cache.n[k], cache.b[k] = per_length, per_rise, t, n, b
-        m = (light * world.added_mass[0]) * sections.lateral[k]
-        q = (light * world.added_mass[1]) * sections.vertical[k]
-        give = cache.give[k]
-        sideways, upward = fma(m, dot(n, give * n), 1.0), fma(q, dot(b, give * b), 1.0)
-        both = dot(n, give * b)
-        scale = 1.0 / fma(sideways, upward, -(m * q) * (both * both))
-        cache.m[k], cache.q[k] = m, q
-        cache.nn[k], cache.nb[k] = (scale * m) * upward, -(scale * (m * q)) * both
-        cache.bn[k], cache.bb[k] = -(scale * (m * q)) * both, (scale * q) * sideways
+        cache.per_length[k], cache.kept_t[k] = directed(dot(tangent, tangent), SHORT * SHORT)
+        cache.t[k] = cache.per_length[k] * tangent
+    for k in range(cache.n.size):
+        side = cross(cache.t[k], rise)
+        cache.per_rise[k], cache.kept_n[k] = directed(dot(side, side), cache.short)
+        n = cache.per_rise[k] * side
+        cache.n[k], cache.b[k] = n, cross(n, cache.t[k])
+        cache.m[k] = (light * world.added_mass[0]) * sections.lateral[k]
+        cache.q[k] = (light * world.added_mass[1]) * sections.vertical[k]
 
 
 @kernel
@@ -261,6 +270,19 @@ def scatter_wake(body, cache, wake, f):
 def add_force(body, world, control, x, v, f, cache):
     """Add the force of the water's inertia that does not depend on the acceleration; store the frames."""
     set_frames(body, world, control, x, cache)
+    add_force_with_directions(body, world, control, v, f, cache)
+
+
+@kernel
+def add_lagged(body, world, control, x, v, system, cache):
+    """Add the same force to `system.load`, and store what `solve_lagged` needs."""
+    set_directions(body, world, control, x, cache)
+    add_force_with_directions(body, world, control, v, system.load, cache)
+
+
+@kernel
+def add_force_with_directions(body, world, control, v, f, cache):
+    """Add that force with the stored directions."""
     set_speeds(body, world, control, v, cache)
     push(body, world, control, cache, cache.force, cache.twist)
     wake, _ = shed(body, world, control, cache)
