@@ -439,7 +439,6 @@ def solve_lagged(body, world, control, x, v, system, cache):
     order, inverse_pivot, none = load.size, system.inverse_pivot, zero(load)
     for c in range(top.size):
         ldlt.forward(body.profile, system.matrix, system.packed, columns, c * order, top[c])
-    for c in range(top.size):
         p, q, r = none, none, none
         for i in range(top[c], order):
             column, scaled = columns[INDEX(c * order + i)], inverse_pivot[INDEX(i)] * load[INDEX(node[INDEX(i)])]
@@ -468,11 +467,9 @@ def set_shared(system, order):
                 p, q, r = fma(column.x, scaled, p), fma(column.y, scaled, q), fma(column.z, scaled, r)
             place = 3 * c * width + 3 * d
             for each in (p, q, r):
-                shared[INDEX(place)], shared[INDEX(place + width)], shared[INDEX(place + 2 * width)] = (
-                    each.x,
-                    each.y,
-                    each.z,
-                )
+                shared[INDEX(place)] = each.x
+                shared[INDEX(place + width)] = each.y
+                shared[INDEX(place + 2 * width)] = each.z
                 place += 1
 
 
@@ -482,15 +479,24 @@ def solve_sections(body, v, system, cache):
 
     The unknowns of a section are its lateral and its vertical force over the root of its added mass.
     """
-    first, nodes, roots, push, width = body.sections.first, body.sections.nodes, system.roots, system.push, 3 * system.top.size
+    first, nodes, roots, push, width = (
+        body.sections.first,
+        body.sections.nodes,
+        system.roots,
+        system.push,
+        3 * system.top.size,
+    )
     count, lower, line, inverse, force = cache.n.size, system.lower, system.line, system.inverse, system.force
     for k in range(count):
         mean = push[k]
         for p in range(first[k], first[k + 1]):
             mean = fma(-system.share[p], v[INDEX(nodes[p])], mean)
-        n, b, own = sqrt(cache.m[k]) * cache.n[k], sqrt(cache.q[k]) * cache.b[k], system.shared[INDEX(k * width + k)]
+        n, b = sqrt(cache.m[k]) * cache.n[k], sqrt(cache.q[k]) * cache.b[k]
         roots[INDEX(2 * k)], roots[INDEX(2 * k + 1)] = n, b
-        y = dot(mean, n), dot(mean, b)
+        force[INDEX(2 * k)], force[INDEX(2 * k + 1)] = dot(mean, n), dot(mean, b)
+    for k in range(count):
+        n, b, own = roots[INDEX(2 * k)], roots[INDEX(2 * k + 1)], system.shared[INDEX(k * width + k)]
+        y = force[INDEX(2 * k)], force[INDEX(2 * k + 1)]
         d = fma(own, dot(n, n), 1.0), own * dot(n, b), fma(own, dot(b, b), 1.0)
         for j in range(k):
             shared, p, q = system.shared[INDEX(k * width + j)], roots[INDEX(2 * j)], roots[INDEX(2 * j + 1)]
