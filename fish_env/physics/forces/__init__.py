@@ -13,7 +13,8 @@ A force is a module in FORCES: one file and one entry of that table. Its kernels
                        entry of the nodes' skyline, for Tu's method (default: explicit, by `add_force`)
     add_reaction       adds to f, the sum of all forces, a force that depends on the resulting accelerations
     add_inertia        adds to f the mass that the force adds to the nodes' own, at positions x, times the vectors v
-    solve_lagged       changes the velocities in `f.load`, which Tu's method found without that mass, to those with it
+    solve_lagged       adds the forces of that mass to `f.load`, the right-hand side of Tu's method, between elimination
+                       and backward substitution
     energy             stored energy, J
     loss               power that the force takes from the body, or from the water that moves with it, for good, W; f is
                        scratch memory

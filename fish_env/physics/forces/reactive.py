@@ -414,7 +414,7 @@ def lagged_work(body: Body, kind) -> dict:
     nodes, first, share, *_ = body.sections
     share = share * (body.inverse_mass[nodes] > 0.0).any(axis=1)
     order, row, section = len(body.mass), body.profile.row[nodes], np.repeat(np.arange(len(first) - 1), np.diff(first))
-    groups = len(first) // 3 + (len(first) % 3 == 2)
+    groups = (len(first) + 1) // 3
     packed = np.zeros((groups, order, 3))
     packed[section // 3, row, section % 3] = share
     size = 2 * (len(first) - 1)
@@ -431,9 +431,8 @@ def lagged_work(body: Body, kind) -> dict:
 def solve_lagged(body, world, control, x, v, system, cache):
     """Add the forces of the added mass to the right-hand side of Tu's method, `system.load`, after its elimination.
 
-    With A = L D L^T the factored matrix of one axis and s the shares of a section, L^-1 s is found for three sections
-    at once. The sections' accelerations without these forces, and what the forces change, are products of such columns.
-    Then a dense system of twice the number of sections remains.
+    With A = L D L^T the matrix of one axis and s the shares of a section, columns L^-1 s of three sections are found
+    at once. Their products over D couple the sections. Then a dense system of twice the number of sections remains.
     """
     load, columns, push, node, top = system.load, system.columns, system.push, body.profile.node, system.top
     order, inverse_pivot, none = load.size, system.inverse_pivot, zero(load)
@@ -479,14 +478,9 @@ def solve_sections(body, v, system, cache):
 
     The unknowns of a section are its lateral and its vertical force over the root of its added mass.
     """
-    first, nodes, roots, push, width = (
-        body.sections.first,
-        body.sections.nodes,
-        system.roots,
-        system.push,
-        3 * system.top.size,
-    )
-    count, lower, line, inverse, force = cache.n.size, system.lower, system.line, system.inverse, system.force
+    first, nodes, count, width = body.sections.first, body.sections.nodes, cache.n.size, 3 * system.top.size
+    roots, push, lower, line = system.roots, system.push, system.lower, system.line
+    inverse, force = system.inverse, system.force
     for k in range(count):
         mean = push[k]
         for p in range(first[k], first[k + 1]):
@@ -497,25 +491,24 @@ def solve_sections(body, v, system, cache):
     for k in range(count):
         n, b, own = roots[INDEX(2 * k)], roots[INDEX(2 * k + 1)], system.shared[INDEX(k * width + k)]
         y = force[INDEX(2 * k)], force[INDEX(2 * k + 1)]
-        d = fma(own, dot(n, n), 1.0), own * dot(n, b), fma(own, dot(b, b), 1.0)
+        both = own * dot(n, b)
+        d = fma(own, dot(n, n), 1.0), both, both, fma(own, dot(b, b), 1.0)
         for j in range(k):
             shared, p, q = system.shared[INDEX(k * width + j)], roots[INDEX(2 * j)], roots[INDEX(2 * j + 1)]
             s = shared * dot(n, p), shared * dot(n, q), shared * dot(b, p), shared * dot(b, q)
             for i in range(j):
                 s = less_product(s, block(line, i), block(lower, j * count + i))
-            i00, i01, i11, _ = block(inverse, j)
-            found = times(s, (i00, i01, i01, i11))
+            found = times(s, block(inverse, j))
             store(line, j, s)
             store(lower, k * count + j, found)
-            d00, d01, _, d11 = less_product((d[0], d[1], d[1], d[2]), s, found)
-            d = d00, d01, d11
+            d = less_product(d, s, found)
             z0, z1 = force[INDEX(2 * j)], force[INDEX(2 * j + 1)]
             y = fma(-found[0], z0, fma(-found[1], z1, y[0])), fma(-found[2], z0, fma(-found[3], z1, y[1]))
-        one = 1.0 / fma(d[0], d[2], -d[1] * d[1])
-        store(inverse, k, (one * d[2], -one * d[1], one * d[0], one))
+        one = 1.0 / fma(d[0], d[3], -d[1] * d[1])
+        store(inverse, k, (one * d[3], -one * d[1], -one * d[1], one * d[0]))
         force[INDEX(2 * k)], force[INDEX(2 * k + 1)] = y
     for k in range(count):
-        i00, i01, i11, _ = block(inverse, k)
+        i00, i01, _, i11 = block(inverse, k)
         z0, z1 = force[INDEX(2 * k)], force[INDEX(2 * k + 1)]
         force[INDEX(2 * k)], force[INDEX(2 * k + 1)] = fma(i00, z0, i01 * z1), fma(i01, z0, i11 * z1)
     for above in range(count):

@@ -36,7 +36,7 @@ def costs(row):
 
 
 def make_work(body: Body, kind):
-    """Scratch memory: the system, the nodes (K,) that are fixed along every axis with a free node, and for sections."""
+    """Scratch memory: the system, the nodes (K,) fixed along every axis with a free node, `reactive.lagged_work`."""
     n, free = len(body.mass), body.inverse_mass > 0.0
     fixed = np.flatnonzero(~free[:, free.any(axis=0)].any(axis=1))
     matrix = kind.numbers(int(body.profile.start[n]))
