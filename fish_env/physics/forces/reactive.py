@@ -437,13 +437,20 @@ def solve_lagged(body, world, control, x, v, system, cache):
     load, columns, push, node, top = system.load, system.columns, system.push, body.profile.node, system.top
     order, inverse_pivot, none = load.size, system.inverse_pivot, zero(load)
     for c in range(top.size):
-        ldlt.forward(body.profile, system.matrix, system.packed, columns, c * order, top[c])
-        p, q, r = none, none, none
+        own, means = (none, none, none), (none, none, none)
         for i in range(top[c], order):
-            column, scaled = columns[INDEX(c * order + i)], inverse_pivot[INDEX(i)] * load[INDEX(node[INDEX(i)])]
-            p, q, r = fma(column.x, scaled, p), fma(column.y, scaled, q), fma(column.z, scaled, r)
-        push[INDEX(3 * c)], push[INDEX(3 * c + 1)], push[INDEX(3 * c + 2)] = p, q, r
-    set_shared(system, order)
+            column = ldlt.forward(body.profile, system.matrix, system.packed, columns, c * order, top[c], i)
+            inverse = inverse_pivot[INDEX(i)]
+            means = add_products(means, column, inverse * load[INDEX(node[INDEX(i)])])
+            own = add_products(own, column, inverse * column)
+        push[INDEX(3 * c)], push[INDEX(3 * c + 1)], push[INDEX(3 * c + 2)] = means
+        store_shared(system, c, c, own)
+        for d in range(c):
+            products = (none, none, none)
+            for i in range(max(top[c], top[d]), order):
+                scaled = inverse_pivot[INDEX(i)] * columns[INDEX(c * order + i)]
+                products = add_products(products, columns[INDEX(d * order + i)], scaled)
+            store_shared(system, c, d, products)
     solve_sections(body, v, system, cache)
     for c in range(top.size):
         p, q, r = push[INDEX(3 * c)], push[INDEX(3 * c + 1)], push[INDEX(3 * c + 2)]
@@ -453,23 +460,22 @@ def solve_lagged(body, world, control, x, v, system, cache):
 
 
 @kernel
-def set_shared(system, order):
-    """Store how much a force on section j changes the velocity of section k, for k in the group of j or a later one."""
-    columns, shared, top, none = system.columns, system.shared, system.top, zero(system.columns)
-    width = 3 * top.size
-    for c in range(top.size):
-        for d in range(c + 1):
-            p, q, r = none, none, none
-            for i in range(max(top[c], top[d]), order):
-                scaled = system.inverse_pivot[INDEX(i)] * columns[INDEX(c * order + i)]
-                column = columns[INDEX(d * order + i)]
-                p, q, r = fma(column.x, scaled, p), fma(column.y, scaled, q), fma(column.z, scaled, r)
-            place = 3 * c * width + 3 * d
-            for each in (p, q, r):
-                shared[INDEX(place)] = each.x
-                shared[INDEX(place + width)] = each.y
-                shared[INDEX(place + 2 * width)] = each.z
-                place += 1
+def add_products(sums, column, vector):
+    """Add the coordinates of a column times a vector to three sums."""
+    p, q, r = sums
+    return fma(column.x, vector, p), fma(column.y, vector, q), fma(column.z, vector, r)
+
+
+@kernel
+def store_shared(system, c, d, products):
+    """Store how much forces on the three sections d change the velocities of the three sections c."""
+    shared, width = system.shared, 3 * system.top.size
+    place = 3 * c * width + 3 * d
+    for each in products:
+        shared[INDEX(place)] = each.x
+        shared[INDEX(place + width)] = each.y
+        shared[INDEX(place + 2 * width)] = each.z
+        place += 1
 
 
 @kernel

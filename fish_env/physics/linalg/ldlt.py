@@ -98,13 +98,15 @@ def factor_forward(shape, a, b, inverse_pivot, row):
     first, start, node, order = shape.first, shape.start, shape.node, shape.first.size
     negative, untrusted, least = zero(a), zero(a), max(TRUSTED_PIVOT, ROUNDING * epsilon(a))
     for i in range(order):
-        row_i = start[i] - first[i]
+        least_j = first[i]
+        row_i = start[i] - least_j
         y, diagonal = b[INDEX(node[i])], a[INDEX(row_i + i)]
         d = diagonal
-        for j in range(first[i], i):
-            row_j = start[INDEX(j)] - first[INDEX(j)]
+        for j in range(least_j, i):
+            least_k = first[INDEX(j)]
+            row_j = start[INDEX(j)] - least_k
             s = a[INDEX(row_i + j)]
-            for k in range(max(first[i], first[INDEX(j)]), j):
+            for k in range(max(least_j, least_k), j):
                 s = fma(-row[INDEX(k)], a[INDEX(row_j + k)], s)
             row[INDEX(j)] = s
             lower = s * inverse_pivot[INDEX(j)]
@@ -118,14 +120,17 @@ def factor_forward(shape, a, b, inverse_pivot, row):
 
 
 @kernel
-def forward(shape, a, b, found, begin, top):
-    """Store L^-1 b of N more vectors b, in the order of rows, that are zero above row `top`; both from `begin` on."""
-    first, start, none = shape.first, shape.start, zero(found)
-    for i in range(top, first.size):
-        row_i, y = start[INDEX(i)] - first[INDEX(i)], none + b[INDEX(begin + i)]
-        for j in range(max(first[INDEX(i)], top), i):
-            y = fma(-a[INDEX(row_i + j)], found[INDEX(begin + j)], y)
-        found[INDEX(begin + i)] = y
+def forward(shape, a, b, found, begin, top, i):
+    """Store row i of L^-1 b in `found`, and return it, for N more vectors b that are zero above row `top`.
+
+    Both are in the order of the rows, from `begin` on.
+    """
+    least = shape.first[INDEX(i)]
+    row_i, y = shape.start[INDEX(i)] - least, zero(found) + b[INDEX(begin + i)]
+    for j in range(max(least, top), i):
+        y = fma(-a[INDEX(row_i + j)], found[INDEX(begin + j)], y)
+    found[INDEX(begin + i)] = y
+    return y
 
 
 @kernel
