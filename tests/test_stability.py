@@ -33,7 +33,7 @@ from fish_env.physics.body import make_body, scale_body
 from fish_env.physics.failures import FAILURES, NO_CONVERGENCE, NON_FINITE, TORN, UNTRUSTED_SOLVE
 from fish_env.physics.integrators import get_integrator, limits
 from fish_env.physics.records import COUNTERS, PIVOTS
-from fish_env.physics.tank_options import own_step
+from fish_env.physics.tank_options import PART, apply_variation, own_step
 from fish_env.physics.world import VACUUM
 
 DEFAULT, STILL = FISH["mass_spring"], np.zeros((23, 3))
@@ -254,14 +254,35 @@ def test_no_step_between_is_unstable(body, water, stiffness):
         tank = Tank(fish, count, dt=fish.control_interval / steps, water=fish.water, refine=np.inf, threads=1)
         for i in range(count):
             tank.vary(i, stiffness=stiffness)
-        generator = np.random.default_rng(steps)
-        for k in range(100):
-            if k % 5 == 0:
-                action = generator.choice([-1.0, 1.0], (count, fish.num_muscles))
-            for i in range(0, count, 2):
-                action[i] = np.where(fish.sides == (-1) ** (k // (4 + i // 2 % 4)), 1.0, -1.0)
-            tank.swim(action, fish.control_interval)
+        command_violently(tank, 100, fish.control_interval, steps)
         assert tank.alive.all(), steps
+
+
+def command_violently(tank, intervals, duration, seed):
+    """Half of the fish contract one side, then the other, every 4 to 7 intervals; half draw full contractions."""
+    fish, generator = tank.fish, np.random.default_rng(seed)
+    for k in range(intervals):
+        if k % 5 == 0:
+            action = generator.choice([-1.0, 1.0], (tank.num_fish, fish.num_muscles))
+        for i in range(0, tank.num_fish, 2):
+            action[i] = np.where(fish.sides == (-1) ** (k // (4 + i // 2 % 4)), 1.0, -1.0)
+        tank.swim(action, duration)
+
+
+@pytest.mark.filterwarnings("ignore:.*will fail")
+@pytest.mark.parametrize("water", ["reactive", "drag"])
+@pytest.mark.parametrize("mass", [1.0, 1.5])
+@pytest.mark.parametrize("stiffness", [0.4, 2.0])
+def test_tu_survives_at_the_own_part_of_the_limit(stiffness, mass, water):
+    """At PART of the limit of a varied fish, Tu's method loses none under violent commands."""
+    fish, tu = make_fish(water=water), INTEGRATORS["semi_implicit"]
+    varied = apply_variation(fish.body, fish.water, [stiffness, mass, 1.0, 0.0, 0.0, 0.0])
+    dt = PART * tu.limit(*varied)
+    tank = Tank(fish, 32, tu.name, dt=dt, water=fish.water, threads=1)
+    for i in range(32):
+        tank.vary(i, stiffness=stiffness, mass=mass)
+    command_violently(tank, 200, round(fish.control_interval / dt) * dt, 0)
+    assert tank.alive.all()
 
 
 # Linear theory

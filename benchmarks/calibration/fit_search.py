@@ -22,7 +22,7 @@ from fish_env.bodies.fitted import read_calibration
 from fish_env.control import Gait
 from fish_env.control.chart import DISTURBANCE, steps_of
 
-STAGED = 36.0
+STAGED = 37.5
 """(h w)^2 + 2 h d that is free, of the highest frequency w and damping rate d at the body's own step h: four stages of
 the default method. Faster motion does not move a fish, and every method pays for it."""
 PREDICTABLE = 50.0
