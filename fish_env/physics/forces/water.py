@@ -196,7 +196,8 @@ def add_force_cached(body, world, control, x, v, f, cache):
 def add_change(body, world, control, x, v, f, cache):
     """Add the change of the force when the velocities become v, half a step later, at the stored positions.
 
-    Each face's drag is implicit, as if it were the only force on the face. Friction, which is small, is explicit.
+    Each face's drag is implicit, as if it were the only force on the face. Friction, which is small, is explicit. The
+    water that moves with a section does not slow its nodes against each other: where drag is strong, less of it counts.
     """
     linear, quadratic, friction, current = laws(world, control, cache)
     h = control.plans[control.row[0], H]
@@ -207,8 +208,9 @@ def add_change(body, world, control, x, v, f, cache):
         speed = sqrt(square)
         change = -(fma(quadratic, speed, linear) * outward * area) - push
         slope = fma(quadratic, fma(outward, outward, square), linear * speed)  # times the speed
-        weighed = fma(control.lightness[0], cache.carried[k], 1.0) * speed
-        ahead = change * (weighed / fma((part * cache.mobility[k]) * area, slope, weighed))  # (38)
+        slowed = (part * cache.mobility[k]) * area * slope
+        weighed = fma(control.lightness[0] * cache.carried[k] * speed, speed / fma(0.5, slowed, speed), speed)
+        ahead = change * (weighed / (slowed + weighed))  # (38)
         g = select(outward > 0.0, ahead, -push) * n
         if cache.friction > 0.0:
             rough = limited(resistance(friction, w, size), h, cache.mobility[k])
