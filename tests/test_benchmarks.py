@@ -524,7 +524,7 @@ def test_held_out(monkeypatch):
     alone, _ = problems.run(replace(TURN, contraction=scenes.goals[-1]), FISH.integrator, 6)
     np.testing.assert_array_equal(moved.path[:, -1], alone)
     magnified = np.sort(chart.magnification(scenes, 32)[:-1])
-    monkeypatch.setattr(chart, "MAGNIFIED", magnified[4])
+    monkeypatch.setattr(chart, "MAGNIFIED", 1.01 * magnified[4])
     truth = chart.reference(scenes, 32)
     row = held_out.row_of("mass_spring", "reactive", scenes, truth, (FISH.integrator, 6, np.inf))
     assert (row["scenes"], row["unpredictable"], row["failed"], row["worst_of"]) == (8, 3, 0, "sprints")

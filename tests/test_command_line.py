@@ -212,7 +212,7 @@ def test_recommended_steps():
     rk4 = [("rk4", 1, 0, 0.3, 0.5), ("rk4", 32, 0, 0.001, 9.0)]
     assert said(0.01, *own, *rk4).startswith(f"take {fish.integrator} with dt=0.02 / 8: error 1 %, time 3 us")
     assert said(0.04, *own).endswith("dt=0.02 / 2: error 3 %, time 1 us a control interval; the largest safe step is "
-                                     "0.0025 s")  # fmt: skip
+                                     "0.00223 s")  # fmt: skip
     limit = fish_env.INTEGRATORS["rk4"].limit(fish.body, fish.water)
     assert said(0.002, *own, *rk4).endswith(f"the largest safe step is {limit:.3g} s")
     assert "the most accurate is rk4 with dt=0.02 / 32: error 0.1 %" in said(1e-4, *own, *rk4)

@@ -45,8 +45,8 @@ def held_out(row):
 def methods():
     """Methods on the held-out scenes of the default fish."""
     for name, steps in (
-        ("leapfrog_chebyshev", (6, 8, 12, 24, 48)), ("symplectic_euler", (48,)), ("semi_implicit", (48,)),
-        ("rosenbrock", (24,)), ("midpoint", (96,)), ("rk4", (32,)),
+        ("leapfrog_chebyshev", (10, 12, 24, 48)), ("symplectic_euler", (48,)), ("semi_implicit", (48,)),
+        ("rosenbrock", (24,)), ("midpoint", (96,)), ("rk4", (24,)),
     ):  # fmt: skip
         for k in steps:
             row = first_held_out("reactive", "mass_spring", integrator=name, substeps=k)
@@ -65,7 +65,7 @@ def own_steps():
 
 def least_prices():
     """The least expensive method of every body by the error that nine held-out scenes of ten stay below."""
-    for percent in (2, 1, 0.5, 0.1, 0.01):
+    for percent in (2, 1, 0.5, 0.1):
         cells = []
         for water, body in HELD_OUT:
             row = least_expensive(read_table("held_out.csv", body=body, water=water), percent / 100, "ninety_percent")
@@ -111,8 +111,7 @@ def fits():
     for body in ("mass_spring", "planar", "two_layer"):
         record = json.loads((ROOT / f"fish_env/bodies/{body}.json").read_text())
         found[body] = f"{record['reactive']['distance_percent']:.1f} %"
-    assert found["mass_spring"] == found["planar"]
-    yield f"are {found['planar']} from the finest body over what they were fitted to, `two_layer` {found['two_layer']}"
+    yield f"is {found['mass_spring']} from the finest body over what it was fitted to, `planar` {found['planar']}"
 
 
 def transfers():
@@ -385,10 +384,9 @@ def default_step():
     """The default step beside others."""
     rows = {k: first_held_out(integrator="leapfrog_chebyshev", refine=np.inf, substeps=k) for k in (12, 24, 48)}
     own = first_held_out()
-    assert 0.4 < rows[12]["geometric_mean"] / own["geometric_mean"] < 0.6  # half the error
-    assert 1.15 < rows[12]["us_per_interval"] / own["us_per_interval"] < 1.35  # for a quarter more time
-    assert 0.35 < rows[24]["geometric_mean"] / rows[12]["geometric_mean"] < 0.45  # twice the steps, two fifths of it
-    assert own["turn"] < 0.01 and rows[12]["geometric_mean"] < 0.003 < own["geometric_mean"]
+    assert 0.15 < rows[24]["geometric_mean"] / own["geometric_mean"] < 0.18  # a sixth of the error
+    assert 1.6 < rows[24]["us_per_interval"] / own["us_per_interval"] < 1.8  # for 1.7 times the time
+    assert own["turn"] < 0.003 and rows[12]["geometric_mean"] < 0.003 < own["geometric_mean"]
     drag = first_held_out("drag")
     ratios = [own[key] / drag[key] for key in ("geometric_mean", "ninety_percent", "worst", "turn")]
     yield f"is {min(ratios):.0f} to {max(ratios):.0f} times as accurate"

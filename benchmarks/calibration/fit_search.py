@@ -22,7 +22,7 @@ from fish_env.bodies.fitted import read_calibration
 from fish_env.control import Gait
 from fish_env.control.chart import DISTURBANCE, steps_of
 
-STAGED = 37.5
+STAGED = 31.5
 """(h w)^2 + 2 h d that is free, of the highest frequency w and damping rate d at the body's own step h: four stages of
 the default method. Faster motion does not move a fish, and every method pays for it."""
 PREDICTABLE = 50.0
@@ -42,7 +42,7 @@ LIVING, FAST, MAGNIFIED, INACCURATE, BUCKLING, ROLLING, NEAR = 1.0, 8.0, 1.5, 3.
 REPEATED, DEAD = 5.0, 10.0
 """Weights: of living fish, of a high frequency and damping rate, of magnification, of the error of the default step, of
 sections that are nearly inverted, of roll, of how far the search has gone, and of what restless fish do."""
-FIXED = {"relaxation_time": 0.001, "contraction_time": 0.04, "outline": "trout", "time_step": 0.002}
+FIXED = {"relaxation_time": 0.001, "contraction_time": 0.04, "outline": "trout", "time_step": 0.02 / 12}
 """Parameters of `mass_spring` that are not searched; `damping_taper` is relative to the relaxation time. Its water is
 that of the finest body."""
 OF_WATER = ("drag_coefficient", "friction", "added_mass")

@@ -77,8 +77,8 @@ def water_force(body, world, x, v):
 
 
 def direction_of(a, usual):
-    """Direction of a vector, analytic in its complex parts; it fades below a fifth of the usual length."""
-    square, short = (a * a).sum(), 0.04 * usual**2
+    """Direction of a vector, analytic in its complex parts; it fades below half of the usual length."""
+    square, short = (a * a).sum(), 0.25 * usual**2
     lacking = max(0.0, short - square, key=lambda number: number.real)
     return a / np.sqrt(square + 0.5 * lacking**2 / short)
 

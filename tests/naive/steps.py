@@ -247,10 +247,10 @@ def filtered_matrix(body, world, rest_length, h, least, x, factor=1.0):
 
 def chebyshev_filter(stages, operator):
     """Polynomial C (1 - T_p(nu - beta z) / T_p(nu)) / z of a matrix: power series, by Horner. Also where it ends."""
-    nu = 1.0 + 4.0 / stages**2
+    nu = 1.0 + 3.5 / stages**2
     chebyshev = np.polynomial.Chebyshev.basis(stages)
     top, slope = chebyshev(nu), chebyshev.deriv()(nu)
-    constant = 0.95 * 4.0 / (1.0 + 1.0 / top)
+    constant = 0.8 * 4.0 / (1.0 + 1.0 / top)
     beta = top / slope / constant
     shifted = chebyshev.convert(kind=np.polynomial.Polynomial)(np.polynomial.Polynomial([nu, -beta]))
     coefficients = -constant * shifted.coef[1:] / top
@@ -268,8 +268,8 @@ def leapfrog_chebyshev(body, world, rest, t, h, x, v):
     pulled, held_back = anchor_rates(body, world)
     fastest = highest_rate(body, stiffness_matrix(body)) + pulled
     dampest = highest_rate(body, stiffness_matrix(body, "damping")) + held_back
-    viscous = 1.2 * h * dampest
-    wanted = 1.2 * h**2 * fastest + 2.0 * viscous
+    viscous = 1.1 * h * dampest
+    wanted = 1.1 * h**2 * fastest + 2.0 * viscous
     stages = 2
     while chebyshev_filter(stages, np.zeros((1, 1)))[1] < wanted or (stages == 2 and viscous > 2.0):
         stages += 1

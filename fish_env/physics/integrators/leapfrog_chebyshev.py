@@ -28,7 +28,7 @@ from fish_env.physics.integrators.common import (
 from fish_env.physics.records import Body
 
 DAMPING = 3.5  # of the polynomial: excess of its midpoint over 1, times the square of the number of stages
-MARGIN = 0.95  # of the bound of a leapfrog on z P(z), which a deformed body would pass where the filter touched it
+MARGIN = 0.8  # of the bound of a leapfrog on z P(z), which a deformed body would pass where the filter touched it
 SAFETY = 1.1  # ratio of the highest rates of a deformed body to those at rest
 MOST_STAGES = 1000
 
