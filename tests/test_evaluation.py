@@ -26,7 +26,7 @@ from fish_env.control import (
 PAIRS = {"muscle_groups": "pairs"}
 SHORT = {"max_episode_steps": 25}
 BARS = {
-    "swim": ("speed", 4.9),
+    "swim": ("speed", 4.8),
     "turn": ("success", 0.98),
     "left_after_right": ("success", 0.98),
     "target": ("targets", 27.0),

@@ -322,7 +322,7 @@ def test_a_school_swims_as_each_fish_alone():
 def test_a_target_that_is_put_is_reached(driver, count):
     """A target that is put is reached, by every fish where it is shown to that fish."""
     school = swum(driver, count, 0.5)
-    goal = middle(school) + school.length * np.array([1.5, 1.0, 0.0])
+    goal = middle(school) + school.length * np.array([3.0, 1.0, 0.0])
     goal[2] = 0.0
     before = school.task.reached.copy()
     school.point("start", goal, -1)
