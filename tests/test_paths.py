@@ -587,10 +587,10 @@ def test_policies_meet_the_same_episodes(tmp_path, capsys):
 
 def test_failing_episodes_are_said(tmp_path, capsys):
     """Where more than half of the episodes fail, an evaluation and a training say why, and what to do."""
-    diverging, said = {"integrator": "rk4", "dt": 0.001}, r"3 of 3 episodes failed \(.+\); give a dt smaller than 0.001"
+    diverging, said = {"integrator": "rk4", "dt": 0.002}, r"3 of 3 episodes failed \(.+\); give a dt smaller than 0.002"
     with pytest.warns(UserWarning, match=said):
         evaluate(make_policy_env("swim", 3, **diverging), "swim")
-    words = ["evaluate", "swim", "--integrator", "rk4", "--dt", "0.001", "--episodes", "3"]
+    words = ["evaluate", "swim", "--integrator", "rk4", "--dt", "0.002", "--episodes", "3"]
     assert command_line.main(words) == 0
     assert capsys.readouterr().err.count("\nfish_env: 3 of 3 episodes failed (") == 1  # after a line on the step
     train_short(changes={"timesteps": 1024, "num_envs": 8}, root=tmp_path, **diverging)

@@ -440,7 +440,7 @@ def test_a_run_of_other_versions_is_resumed_with_a_warning(run_copy, capsys):
 
 @pytest.mark.parametrize(("option", "value"), [
     ("seed", "-1"), ("seed", str(2**32)), ("num-envs", "0"), ("num-envs", "1000000000"), ("timesteps", "0"),
-    ("timesteps", "1" + "0" * 30), ("torch-threads", "0"), ("dt", "nan"), ("dt", "0"), ("dt", "0.003"),
+    ("timesteps", "1" + "0" * 30), ("torch-threads", "0"), ("dt", "nan"), ("dt", "0"), ("dt", "0.0015"),
     ("body", "eel"), ("integrator", "euler"), ("hyperparameters", "timesteps=1.5"), ("hyperparameters", "hidden=[]"),
     ("hyperparameters", "hidden=[1000000000]"), ("hyperparameters", "horizon=0"), ("env-kwargs", "fins=3"),
     ("hyperparameters", "learning_rate=NaN"), ("hyperparameters", "lr=3"), ("hyperparameters", "env_options=3"),
