@@ -65,11 +65,11 @@ def change(tank: Tank, gravity, restitution, factors: tuple[float, ...]) -> None
     made, held = getattr(tank, "_made", tank._own), present(tank).held
     own = change_body(replace(tank.fish, body=made), *factors)
     body, world = fix_where(own, held) if held.any() else own, change_world(tank.world, gravity, restitution)
-    fish = frozen(replace(tank.fish, body=body))
+    fish = replace(tank.fish, body=body)
     if reason := too_long(fish, world, tank.integrator, tank.dt):
         warnings.warn(f"{tank.integrator.name!r} may fail on {tank.fish.name!r} now: {reason}", stacklevel=3)
     tank._made, tank._own = made, frozen(own)
-    tank._set_read_only(fish=fish, world=frozen(world))
+    tank._set_read_only(fish=frozen(fish), world=frozen(world))
     if tank._engine is not None:
         tank._engine = Engine(tank)
     tank.pack.set(mass=np.array(own.mass))
