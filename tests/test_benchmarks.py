@@ -541,7 +541,7 @@ def test_accuracy_beside_the_published_one(monkeypatch, seed, steps):
     known = {int(row["substeps"]): float(row["geometric_mean"]) for row in published}
     scenes = chart.random_scenes(FISH, FISH.water)
     truth, found = chart.reference(scenes), []
-    for k in steps if any(steps) else (problems.steps_of(FISH),):
+    for k in steps if any(steps) else (chart.steps_of(FISH),):
         row, _ = chart.measure(scenes, truth, (FISH.integrator, k, np.inf), 64)
         assert row["failed"] == 0
         found.append(row["geometric_mean"])
