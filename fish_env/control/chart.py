@@ -162,7 +162,7 @@ def task_scenes(fish: Fish, world: World, task: str) -> Setting:
 
 
 class Motion(NamedTuple):
-    """What became of the scenes."""
+    """Paths of the scenes, which fish live, and the time it took."""
 
     path: np.ndarray
     """(K,S,N,3) positions at the ends of control intervals, m."""
@@ -207,7 +207,7 @@ class Reference(NamedTuple):
 
 
 def magnification(scenes: Setting, substeps: int) -> np.ndarray:
-    """How many times each scene (S,) magnifies a small random displacement of the nodes; inf where a fish fails."""
+    """Factors (S,) by which the scenes magnify a small random displacement of the nodes; inf where a fish fails."""
     body = scenes.fish.body
     noise = np.random.default_rng(SEED).normal(size=(len(scenes.goals), *body.position.shape))
     moved = move(scenes, "rk4", substeps, disturbed=DISTURBANCE * scenes.fish.length * noise * (body.inverse_mass > 0))
