@@ -69,13 +69,13 @@ def __getattr__(name: str):
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-for _name, _task in TASKS.items():
+for _name, _task, _options in (*((name, name, {}) for name in TASKS), ("target_3_d", "target", {"dimensions": 3})):
     register(
         id=f"FishEnv/{_name.title().replace('_', '')}-v0",
         entry_point="fish_env.envs:FishEnv",
         vector_entry_point="fish_env.envs:FishVectorEnv",
-        max_episode_steps=_task.episode_steps,
-        kwargs={"task": _name},
+        max_episode_steps=TASKS[_task].episode_steps,
+        kwargs={"task": _task, **_options},
     )
 register(
     id="FishEnv/Stub-v0",

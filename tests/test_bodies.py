@@ -116,8 +116,7 @@ REFUSED = [
     ({"layer_position": (0.01, 0.02, 0.03, 0.04, 0.05)}, "no masses of these nodes have the inertia of the outli"),
     ({"relaxation_time": -1e-3}, "relaxation_time is -0.001 .*; give zero or positive"),
     ({"contracted": (0.7, 0.7, 1.0)}, "contracted is .*; give fractions below 1"),
-    ({"activation_time": (0.01, -1.0)}, r"activation_time is -1.0 at \(1,\); give zero or positive"),
-    ({"activation_time": (0.01, 0.0)}, "activation_time is .*; give two positive times, or"),
+    ({"lengthening": 1.0}, "lengthening is 1.0; give a number from 0 to below 1"),
     ({"water_place": (0.5, 0.5, 0.5, 0.5, 0.5, 1.0)}, "water_place is .*; give fractions below 1"),
     ({"body": "published", "contracted": (0.7, 0.7, 1.2)}, "contracted is .*; give fractions between 0 and 1"),
     ({"body": "published", "contraction_time": -1.0}, "contraction_time is -1.0; give a positive"),
@@ -601,9 +600,9 @@ def test_lengths_out_of_range():
             make_fish("planar", length=length)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        fish = make_fish(length=0.05, contraction_time=0.05, time_step=0.001, activation_time=(0.02, 0.04))
-    assert (fish.contraction_time, fish.time_step, fish.activation_time) == (0.05, 0.001, (0.02, 0.04))
-    slower = make_fish(length=0.4, activation_time=(0.02, 0.04)).contraction_time / make_fish().contraction_time
+        fish = make_fish(length=0.05, contraction_time=0.05, time_step=0.001)
+    assert (fish.contraction_time, fish.time_step) == (0.05, 0.001)
+    slower = make_fish(length=0.4).contraction_time / make_fish().contraction_time
     assert slower == pytest.approx(2.0**SLOWNESS)
 
 

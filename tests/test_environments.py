@@ -491,7 +491,8 @@ WATERS = {  # what is named, and the fields of the fish's own water that it chan
     "density": ({"density": 500}, {"quadratic", "added_mass", "friction"}),
     "no friction": ({"friction": 0.0}, {"friction"}),
     "viscosity": ({"viscosity": 4e-6}, {"friction"}),
-    "law": ({"law": "linear"}, {"quadratic", "linear"}),
+    "law": ({"law": "linear"}, {"quadratic", "linear", "oblique"}),
+    "thinning": ({"thinning": 2.0}, {"thinning"}),
     "current": ({"current": (0.1, 0.0, 0.0)}, {"current"}),
 }
 
@@ -509,7 +510,8 @@ def test_water_changes_what_it_names(case):
 
 def test_water_that_changes_nothing():
     """A keyword that would have no effect is refused."""
-    for given in ({"added_mass": (2.0, 1.0), "inertia": False}, {"viscosity": 4e-6, "friction": 0.0}):
+    for given in ({"added_mass": (2.0, 1.0), "inertia": False}, {"viscosity": 4e-6, "friction": 0.0},
+                  {"thinning": 1.0, "friction": 0.0}):  # fmt: skip
         with pytest.raises(ValueError, match="changes nothing in water without"):
             gym.make(SWIM, water=given)
 

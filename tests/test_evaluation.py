@@ -1,6 +1,7 @@
 """Trained policies, the gait and evaluation, without torch."""
 
 import json
+import warnings
 from dataclasses import replace
 
 import gymnasium as gym
@@ -139,12 +140,23 @@ def test_wrong_calls(call, error, message):
         call()
 
 
-@pytest.mark.parametrize("times", [(0.0, 0.0), (0.015, 0.05)], ids=["limited rate", "first order"])
-def test_a_policy_of_a_longer_interval(times):
+def test_a_policy_of_another_task():
+    """Scores of a policy on another task than its own are warned of, single and batch; on its own they are not."""
+    for make in (lambda id: gym.make(f"FishEnv/{id}-v0"), lambda id: gym.make_vec(f"FishEnv/{id}-v0", 2)):
+        for policy, id in (("target_3d", "Target"), ("target", "Target3D"), ("swim", "Turn")):
+            with pytest.warns(UserWarning, match="the policy was trained for .*, and its scores are for"):
+                evaluate(make(id), policy, episodes=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            evaluate(make("Target3D"), "target_3d", episodes=2)
+
+
+@pytest.mark.parametrize("lengthening", [0.0, 0.6])
+def test_a_policy_of_a_longer_interval(lengthening):
     """Commanded in two intervals what it was trained to command in one, muscles end where that one would have ended."""
     weight = np.random.default_rng(0).normal(size=(156, 6)).astype(np.float32)
     policy = Policy((weight,), (np.zeros(6, np.float32),), {"env_id": "FishEnv/Swim-v0"})
-    fish, interval = fish_env.make_fish(activation_time=times), 0.04
+    fish, interval = fish_env.make_fish(lengthening=lengthening), 0.04
     slower = replace(policy, about=policy.about | {"env_options": {"control_interval": interval} | PAIRS})
     env = make_eval_env("FishEnv/Swim-v0", 4, {"body": fish, "variation": {"strength": 0.8}} | PAIRS)
     obs, _ = env.reset(seed=0)
@@ -152,11 +164,7 @@ def test_a_policy_of_a_longer_interval(times):
     goal = 0.4 * (np.clip(policy(obs), -1.0, 1.0) + 1.0)[:, fish.grouping("pairs")]
     for k in range(2):
         obs, *_ = env.step(np.clip(control(obs, k * env.control_interval), -1.0, 1.0))
-    if times[0]:
-        part = 1.0 - np.exp(-interval / np.where(goal > start, *times))
-        wanted = start + part * (goal - start)
-    else:
-        limit = 0.8 * interval / fish.contraction_time
-        wanted = start + np.clip(goal - start, -limit, limit)
+    limit = 0.8 * interval / fish.contraction_time
+    wanted = start + np.clip(goal - start, -limit, limit)
     np.testing.assert_allclose(env.tank.contraction, wanted, rtol=0, atol=1e-6)  # actions are of single precision
     assert np.ptp(wanted - start) > 0.1

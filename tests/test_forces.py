@@ -43,7 +43,7 @@ def scene(name):
     """The body of this name, and its world: of a fish water; of others also gravity, air, anchors and walls, far."""
     if name in FISH:
         flow = naive.dense_water(FISH[name], LAWS[name], (0.3, -0.2, 0.1))
-        return FISH[name].body, World(*flow, friction=make_water(friction=20.0).friction)
+        return FISH[name].body, World(*flow, friction=make_water(friction=20.0).friction, oblique=0.3, thinning=5.0)
     import small_bodies
 
     return small_bodies.BODIES[name], small_bodies.world_with_all(small_bodies.BODIES[name])
@@ -380,7 +380,7 @@ def test_flat_plate(faces, seed, size, speed, outward):
 @given(seed=seeds, length=st.floats(0.05, 5.0), speed=st.floats(1e-3, 10.0), angle=st.floats(0.0, 6.3))
 def test_plate_along_itself(law, seed, length, speed, angle):
     """A plate moved along itself, however turned, has a factor times the friction of Blasius; at rest it has none."""
-    turn, world = naive.turned(np.random.default_rng(seed)), make_water(998.0, 1.17, law, friction=2.5)
+    turn, world = naive.turned(np.random.default_rng(seed)), make_water(998.0, 1.17, law, friction=2.5, thinning=9.0)
     plate = make_body(length * SQUARE, np.ones(4), [], [], [], [], [(0, 1, 2, 3)], drag=[0.3])
     ahead = turn @ [np.cos(angle), np.sin(angle), 0.0]
     f = force("water", plate, world, length * SQUARE @ turn.T, np.tile(speed * ahead, (4, 1))).sum(axis=0)
@@ -389,6 +389,20 @@ def test_plate_along_itself(law, seed, length, speed, angle):
     still = Evaluator(plate, world)
     assert not still.force(np.zeros(0), length * SQUARE, np.zeros((4, 3))).any()
     assert not np.any(still.jacobian(np.zeros(0), length * SQUARE, np.zeros((4, 3))))
+
+
+@given(seed=seeds, speed=st.floats(1e-3, 10.0), angle=st.floats(0.05, 1.5))
+def test_plate_at_an_angle(seed, speed, angle):
+    """In cross-flow a plate feels, along its normal, the velocity along it alone; friction grows with the angle."""
+    turn, length, thinning = naive.turned(np.random.default_rng(seed)), 0.4, 7.0
+    world = make_water(998.0, 1.17, "cross_flow", friction=2.5, thinning=thinning)
+    plate = make_body(length * SQUARE, np.ones(4), [], [], [], [], [(0, 1, 2, 3)])
+    across, along = speed * np.sin(angle), speed * np.cos(angle)
+    v = np.tile(turn @ [along, 0.0, across], (4, 1))
+    f = turn.T @ force("water", plate, world, length * SQUARE @ turn.T, v).sum(axis=0)
+    rough = 0.5 * 998.0 * 2.5 * 1.328 * np.sqrt(1e-6 * speed / length) * length**2 * along
+    rough *= 1.0 + thinning * np.sin(angle) ** 2
+    np.testing.assert_allclose(f, [-rough, 0.0, -0.5 * 998.0 * 1.17 * length**2 * across**2], rtol=1e-9, atol=1e-12)
 
 
 def test_make_water():
@@ -403,11 +417,12 @@ def test_make_water():
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ({"law": "cubic"}, "unknown water law 'cubic'; choose 'quadratic' or 'linear'"),
+        ({"law": "cubic"}, "unknown water law 'cubic'; choose from 'quadratic', 'cross_flow', 'linear'"),
         ({"density": -1.0}, "density is -1.0"),
         ({"density": float("nan")}, "density is nan"),
         ({"density": [1.0]}, "density is"),
         ({"friction": -1.0}, "friction is -1.0; give a finite number, zero or positive"),
+        ({"thinning": -1.0}, "thinning is -1.0; give a finite number, zero or positive"),
         ({"viscosity": float("nan")}, "viscosity is nan"),
         ({"friction": 1e308, "density": 1e9}, "friction .* is infinite; give less"),
         ({"drag_coefficient": float("inf")}, "drag_coefficient is inf"),

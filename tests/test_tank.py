@@ -250,22 +250,24 @@ def test_rest_lengths_are_rate_limited(body):
     assert tank.alive.all()
 
 
-def test_activation_is_first_order():
-    """The contraction is the solution of da/dt = (u - a) / T, T one time for rising and one for falling."""
-    rise, fall = 0.015, 0.05
-    fish = make_fish(activation_time=(rise, fall))
-    tank, contraction, steps = Tank(fish, 2, water=WATER), np.zeros((2, 12)), 4000
-    h = fish.control_interval / steps
-    for command in np.random.default_rng(7).uniform(0, 1, (4, 2, 12)):
-        tank.drive(command, round(fish.control_interval / tank.dt))
-        before = contraction.copy()
-        for _ in range(steps):  # of Heun's method
-            slope = (command - contraction) / np.where(command > contraction, rise, fall)
-            ahead = contraction + h * slope
-            contraction = contraction + 0.5 * h * (slope + (command - ahead) / np.where(command > ahead, rise, fall))
-        np.testing.assert_allclose(tank.contraction, contraction, rtol=0, atol=2e-8)
-        most = 1.0 - np.exp(-fish.control_interval / rise)
-        np.testing.assert_allclose(tank.effort, ((contraction - before) ** 2).mean(axis=1) / most**2, rtol=2e-6)
+@pytest.mark.parametrize("body", ["mass_spring", "planar", "tetrahedral"])
+def test_antagonists_lengthen(body):
+    """Rest lengths are natural less the span times (own contraction - lengthening x the mirrored muscle's)."""
+    part, fish = 0.6, make_fish(body, lengthening=0.6)
+    tank, generator = Tank(fish, 3, water=fish.water), np.random.default_rng(7)
+    other, reached = fish.mirrored_muscles, np.zeros((3, 12))
+    for _ in range(6):
+        goal = generator.uniform(0, 1, (3, 12))
+        if fish.flat:  # one fibre for the upper and the lower muscle of a side
+            goal = goal[:, fish.grouping("pairs")]
+        tank.drive(goal, round(fish.control_interval / tank.dt))
+        most = fish.control_interval / fish.contraction_time
+        effort = np.clip(goal - reached, -most, most) / most
+        reached += np.clip(goal - reached, -most, most)
+        np.testing.assert_allclose(tank.contraction, reached, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(tank.effort, (effort**2).mean(axis=1), rtol=1e-11)
+        rest = tank.natural - tank.span * (reached - part * reached[:, other])
+        np.testing.assert_allclose(tank.rest_length[:, fish.muscles], rest, rtol=1e-14)
     assert tank.alive.all()
 
 

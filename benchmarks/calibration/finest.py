@@ -22,27 +22,29 @@ NEAR = 0.01  # weight of the distance from the start: of parameters that nothing
 CONTRACTED = 0.6, 0.95
 """Least and largest contracted length of a muscle."""
 FRICTION = 1.0, 4.0
-"""Skin friction of a swimming fish over that of a flat plate: its boundary layer is thinner."""
+"""Skin friction of a swimming fish over that of a flat plate."""
 
 START: dict[str, dict] = {
     "reactive": {
         "parameters": {
-            "stiffness": [1.0, 539.7, 779.0],
-            "taper": [1.0, 0.5807, 1.339, 0.3475, 0.4257, 0.8341],
-            "contracted": [0.66, 0.6655, 0.66],
-            "relaxation_time": 0.0004812,
-            "contraction_time": 0.04,
-            "drag_coefficient": 1.326,
-            "friction": 3.924,
+            "stiffness": [1.0, 571.5, 855.5],
+            "taper": [1.0, 2.076, 4.035, 0.9094, 0.8924, 0.8736],
+            "contracted": [0.6533, 0.8136, 0.7221],
+            "lengthening": 0.6,
+            "relaxation_time": 0.0001617,
+            "contraction_time": 0.06,
+            "drag_coefficient": 2.353,
+            "friction": 1.397,
+            "thinning": 41.87,
             "added_mass": [0.91, 0.92],
             "outline": "trout",
             "time_step": 0.02 / 12,
         },
-        "young": [69700.0, 58550.0, 25260.0, 82980.0, 141200.0, 3468000.0],
+        "young": [158600.0, 131900.0, 83140.0, 232800.0, 263500.0, 4286000.0],
         "gaits": [
-            {"frequency": 2.48, "amplitude": [0.2707, 0.06013, 0.4867], "lag": [0.0, 1.613, 2.851]},
-            {"frequency": 3.18, "amplitude": [0.4171, 0.3236, 0.5055], "lag": [0.0, 1.644, 2.597]},
-            {"frequency": 4.23, "amplitude": [0.1368, 0.4293, 0.8291], "lag": [0.0, 1.049, 2.268]},
+            {"frequency": 2.48, "amplitude": [0.2648, 0.08732, 0.6212], "lag": [0.0, 1.808, 2.886]},
+            {"frequency": 3.18, "amplitude": [0.4335, 0.3694, 0.7605], "lag": [0.0, 1.874, 3.024]},
+            {"frequency": 4.23, "amplitude": [0.2172, 0.3443, 0.5809], "lag": [0.0, 1.615, 2.573]},
         ],
     },
 }
@@ -64,7 +66,7 @@ def fish_of(record: dict, water: str, level: int) -> Fish:
 
 
 FREE = {"stiffness": slice(1, 3), "taper": slice(1, 6), "contracted": slice(3), "relaxation_time": slice(1),
-        "drag_coefficient": slice(1), "friction": slice(1)}  # fmt: skip
+        "drag_coefficient": slice(1), "friction": slice(1), "thinning": slice(1)}  # fmt: skip
 """Parts of the parameters that are searched, beside Young's moduli and the gaits."""
 SIZE = sum(len(range(6)[part]) for part in FREE.values()) + 6 + 5 * len(TROUT)
 

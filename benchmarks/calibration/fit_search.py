@@ -42,10 +42,10 @@ LIVING, FAST, MAGNIFIED, INACCURATE, BUCKLING, ROLLING, NEAR = 1.0, 8.0, 1.5, 3.
 REPEATED, DEAD = 5.0, 10.0
 """Weights: of living fish, of a high frequency and damping rate, of magnification, of the error of the default step, of
 sections that are nearly inverted, of roll, of how far the search has gone, and of what restless fish do."""
-FIXED = {"relaxation_time": 0.001, "contraction_time": 0.04, "outline": "trout", "time_step": 0.02 / 12}
-"""Parameters of `mass_spring` that are not searched; `damping_taper` is relative to the relaxation time. Its water is
-that of the finest body."""
-OF_WATER = ("drag_coefficient", "friction", "added_mass")
+FIXED = {"relaxation_time": 0.001, "outline": "trout", "time_step": 0.02 / 12}
+"""Parameters of `mass_spring` that are not searched; `damping_taper` is relative to the relaxation time."""
+OF_FINEST = ("drag_coefficient", "friction", "thinning", "added_mass", "contraction_time", "lengthening")
+"""Its water and its muscles are those of the finest body."""
 
 
 GAITS, SECONDS, LAST = 16, 3.0, 25
@@ -62,13 +62,13 @@ class Range(NamedTuple):
 
 SEARCHED: dict[str, dict[str, Range]] = {
     "mass_spring": {
-        "stiffness": Range([1646.0, 2632.0, 3099.0], 25.0, 40_000.0),
-        "taper": Range([1.45, 0.1014, 0.2, 0.08062, 0.1554, 0.272], 0.02, 3.0),
-        "contracted": Range([0.6344, 0.7423, 0.7036], 0.6, 0.97),
-        "damping_taper": Range([0.4374, 0.3962, 2.062, 0.9414, 0.6974, 0.01099], 0.01, 20.0),
-        "mass_factor": Range([0.2481, 0.6432, 0.4282, 1.265, 0.3437, 0.8245, 3.4], 0.1, 4.0),
-        "water_place": Range([0.592, 0.05489, 0.232, 0.859, 0.6342, 0.9743], 0.01, 0.99),
-        "water_drag": Range([1.353, 5.968, 0.7409, 2.345, 1.817, 0.204], 0.1, 8.0),
+        "stiffness": Range([1623.0, 2606.0, 3199.0], 25.0, 40_000.0),
+        "taper": Range([1.6, 0.3, 0.6, 0.26, 0.3, 0.28], 0.02, 3.0),
+        "contracted": Range([0.72, 0.84, 0.79], 0.6, 0.97),
+        "damping_taper": Range([0.4, 0.13, 0.6, 0.3, 0.35, 0.0105], 0.005, 20.0),
+        "mass_factor": Range([0.258, 0.6339, 0.4133, 1.314, 0.3558, 0.8494, 3.677], 0.1, 4.0),
+        "water_place": Range([0.59, 0.06, 0.25, 0.82, 0.65, 0.97], 0.01, 0.99),
+        "water_drag": Range([1.33, 6.0, 0.73, 2.2, 1.72, 0.204], 0.1, 8.0),
     },
     "planar": {
         "bending": Range([1.0] * 5, 0.2, 5.0),
@@ -98,7 +98,7 @@ def parameters(body: str, water: str, point) -> dict:
     given, used = {}, 0
     if body == "mass_spring":
         known = read_calibration("tetrahedral", water)["parameters"]
-        given = FIXED | {name: known[name] for name in OF_WATER if name in known}
+        given = FIXED | {name: known[name] for name in OF_FINEST if name in known}
     for name, (start, *_) in SEARCHED[body].items():
         value = np.exp(point[used : used + len(start)])
         used += len(start)
@@ -118,11 +118,11 @@ def beginning(body: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def living(fish: Fish, water: str) -> np.ndarray:
-    """How far this body, with the finest one's three gaits, its turns and its starts are from living fish, (51,)."""
+    """How far this body, with the finest one's three gaits, its turns and its starts are from living fish."""
     try:
         return aims(perform(fish, living_gaits(water)))
     except ArithmeticError:
-        return np.full(51, 2.0)
+        return np.full(55, 2.0)
 
 
 def endure(fish: Fish) -> tuple[float, float]:

@@ -35,6 +35,8 @@ class Midline:
     """Net work of the muscles, J for each kg and metre; nan unless it was asked for."""
     lost: float = np.nan
     """Part of it that is lost in the body's damping; nan unless it was asked for."""
+    thrust: float = np.nan
+    """Work of the thrust, J for each kg and metre; nan unless it was asked for."""
 
     @property
     def sweep(self) -> float:
@@ -69,7 +71,7 @@ def swim_midlines(
         seconds: how long they swim.
         beats: how many are measured.
         noise: of the node velocities at the start, body lengths/s, so that an unstable gait has something to grow from.
-        energy: whether work and losses are measured too.
+        energy: whether work, thrust and losses are measured too.
         method: the fish's own, unless `integrator` and `dt`, the longest step, s, are given.
     """
     steps = int(np.ceil(INTERVAL / method.get("dt", fish.time_step) - 1e-9))
@@ -81,7 +83,7 @@ def swim_midlines(
     count = round(seconds / INTERVAL)
     times = INTERVAL * np.arange(1, count + 1)
     contraction = np.stack([gait.contraction(fish, times) for gait in gaits], axis=1)
-    stations, tips, centre, work, lost = [], [], [], [], []
+    stations, tips, centre, work, lost, thrust = [], [], [], [], [], []
     mass = fish.body.mass / fish.body.mass.sum()
     layer = np.zeros((7, 23))
     for k, nodes in enumerate(tu.LAYERS):
@@ -97,14 +99,15 @@ def swim_midlines(
             tips.append(points[:, tu.TAIL[0]] - points[:, tu.TAIL[1]])
             centre.append(mass @ tank.position)
             work.append(tank.work.copy())
-            lost.append(tank.flows["damping"].copy() if energy else np.full(len(gaits), np.nan))
+            for flow, name in ((lost, "damping"), (thrust, "thrust")):
+                flow.append(tank.flows[name].copy() if energy else np.full(len(gaits), np.nan))
     found = []
     for i, gait in enumerate(gaits):
         if not tank.alive[i] or not centre:
             found.append(Midline(gait.frequency, 0.0, np.full(7, np.inf), np.zeros(7), np.inf, str(tank.failure[i])))
             continue
         last = round(beats / gait.frequency / INTERVAL) + 1
-        samples = (np.array(rows)[-last:, i] for rows in (stations, tips, centre, work, lost))
+        samples = (np.array(rows)[-last:, i] for rows in (stations, tips, centre, work, lost, thrust))
         found.append(_measured(fish, gait, *samples))
     return found
 
@@ -115,8 +118,8 @@ def swim_gait(fish: Fish, gait: Gait, **method) -> Midline:
     return swim_midlines(fish, [gait], start, seconds, MEASURED, NOISE, **method)[0]
 
 
-def _measured(fish, gait, stations, tips, centre, work, lost) -> Midline:
-    """The midline of one fish, of samples (S,7,3), (S,3), (S,3) m, (S,) and (S,) J over a whole number of beats."""
+def _measured(fish, gait, stations, tips, centre, work, lost, thrust) -> Midline:
+    """The midline of one fish, of samples (S,7,3), (S,3), (S,3) m, and (S,) J thrice over a whole number of beats."""
     path = centre[-1] - centre[0]
     along = path * (1.0, 1.0, 0.0) / np.linalg.norm(path[:2])
     across = np.cross([0.0, 0.0, 1.0], along)
@@ -134,5 +137,5 @@ def _measured(fish, gait, stations, tips, centre, work, lost) -> Midline:
     done, way = work[-1] - work[0], fish.body.mass.sum() * np.linalg.norm(path[:2])
     return Midline(
         gait.frequency, float(speed), 0.5 * np.ptp(swung, axis=0), phase, float(wobble), "", float(done / way),
-        float((lost[-1] - lost[0]) / done),
+        float((lost[-1] - lost[0]) / done), float((thrust[-1] - thrust[0]) / way),
     )  # fmt: skip

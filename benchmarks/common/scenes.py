@@ -183,7 +183,8 @@ def start(fish: Fish, first=range(2, 12), second=range(12)) -> dict[str, float]:
 
     `first` and `second` are the control intervals that the stages may last.
 
-    'angle' and 'distance' (body lengths) are those after 0.3 s, 'acceleration' the largest mean over 40 ms.
+    'angle', of the line of best fit, 'snout', of the line from the centre of mass to the snout, and 'distance' (body
+    lengths) are those after 0.3 s, 'acceleration' the largest mean over 40 ms.
     """
     interval, end = fish.control_interval, round(0.3 / fish.control_interval)
     first, second = (grid.ravel() for grid in np.meshgrid(first, second))
@@ -191,13 +192,16 @@ def start(fish: Fish, first=range(2, 12), second=range(12)) -> dict[str, float]:
     k = np.arange(end)[:, None]
     side = np.where(k < first, 1, np.where(k < first + second, -1, 0))
     swum = drive(tank_of(fish, len(first)), (fish.sides == side[..., None]).astype(float))
-    angle = np.degrees(np.abs(swum.yaw[-1] - swum.yaw[0]))
+    ahead = swum.nose - swum.centre
+    faced = np.unwrap(np.arctan2(ahead[..., 1], ahead[..., 0]), axis=0)
+    angle, snout = (np.degrees(np.abs(each[-1] - each[0])) for each in (swum.yaw, faced))
     distance = np.linalg.norm(swum.centre[-1] - swum.centre[0], axis=1) / fish.length
     apart = round(0.04 / interval)
     gained = np.linalg.norm(swum.velocity[apart:] - swum.velocity[:-apart], axis=2).max(axis=0)
     fastest = gained / (apart * interval)
     return {
         "angle": float(angle[0]), "acceleration": float(fastest[0]), "best angle": float(angle.max()),
+        "best snout": float(snout.max()),
         "best distance": float(distance.max()), "best acceleration": float(fastest.max()),
     }  # fmt: skip
 

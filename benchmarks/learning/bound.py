@@ -1,8 +1,7 @@
 """What is the best that the muscles can do? Commands by optimal control, beside motor controllers and shipped policy.
 
-A start is a fish that the motor controllers have swum with until the last command of an evaluation episode, in Swim
-until it is steady. From this state the motor controllers go on, the shipped policy takes over, and CMA-ES searches for
-commands. It begins with the better ones of the two, which it never falls behind, and changes them every 40 ms in each
+A start is a fish that the motor controllers, or the shipped policy, have swum with until the last command of an
+evaluation episode, in Swim until it is steady. From this state both go on, and CMA-ES searches for commands. It begins with the better ones of the two, which it never falls behind, and changes them every 40 ms in each
 segment, to the left or to the right. Fast strokes are unstable without feedback. A steady swimmer therefore executes
 only the beginning of a plan, and plans again from there (a receding horizon); the controller that it began with
 goes on after the plan.
@@ -41,7 +40,7 @@ class Start(NamedTuple):
 
     seed: int  # of the episode
     state: FishState
-    commands: np.ndarray  # (K,A) actions of the motor controllers from there on, as long as is measured
+    commands: np.ndarray  # (K,A) actions of its controller from there on, as long as is measured
     wanted: float  # rad, the commanded turn, positive to the left; NaN if none is commanded
 
 
@@ -102,13 +101,13 @@ GOALS: dict[str, dict[str, Measure]] = {
 """What is measured in each task."""
 
 
-def find_starts(env: FishVectorEnv) -> list[Start]:
-    """The starts of the first evaluation episodes, one a fish, under the motor controllers.
+def find_starts(env: FishVectorEnv, controller: Controller) -> list[Start]:
+    """The starts of the first evaluation episodes, one a fish, under a controller.
 
     Raises:
         ArithmeticError: if the physics fails.
     """
-    task, interval, controller, actions, begun = env.task, env.control_interval, scripted(env), [], {}
+    task, interval, actions, begun = env.task, env.control_interval, [], {}
     turns = isinstance(task, CommandedTurns)
     length = round((LONGEST if turns else CRUISE + HORIZON) / interval)
     obs, _ = env.reset(seed=FIRST_SEED)
@@ -122,7 +121,7 @@ def find_starts(env: FishVectorEnv) -> list[Start]:
         actions.append(controller(obs, k * interval))
         obs, _, terminated, *_ = env.step(actions[-1])
         if terminated.any():
-            raise ArithmeticError(f"the physics fails under the motor controllers: {env.tank.failure}")
+            raise ArithmeticError(f"the physics fails before the command: {env.tank.failure}")
     commands = np.array(actions)
     return [
         Start(FIRST_SEED + i, state, commands[k:end, i], wanted) for i, (k, end, state, wanted) in sorted(begun.items())
@@ -242,10 +241,15 @@ def rows_of(task: str, starts: int, budget: int, seeds: int, **options) -> list[
     policy = None if path is None else load_policy(path)
     groups = "muscles" if policy is None else policy.about["env_options"].get("muscle_groups", "muscles")
     few, env = (FishVectorEnv(count, task=task, muscle_groups=groups, **options) for count in (starts, POPULATION))
-    for start in find_starts(few):
-        controls = {"motor_controllers": recorded(start.commands, env.control_interval)}
-        if policy is not None:
-            controls["policy"] = as_controller(policy, env)
+    before = {"motor_controllers": scripted(few)}
+    if policy is not None:
+        before["policy"] = as_controller(policy, few)
+    begun = [(who, start) for who, controller in before.items() for start in find_starts(few, controller)]
+    for swum_by, start in begun:
+        controls = {"motor_controllers": scripted(env)} | (
+            {} if policy is None else {"policy": as_controller(policy, env)}
+        )
+        controls[swum_by] = recorded(start.commands, env.control_interval)
         known = {who: drive(env, start.state, control, len(start.commands)) for who, control in controls.items()}
         found = {}
         for quantity, measure in GOALS[task].items():
@@ -256,7 +260,8 @@ def rows_of(task: str, starts: int, budget: int, seeds: int, **options) -> list[
             everything = [*known.values(), *chain.from_iterable(found.values())]
             values["bound"] = min(score(swum, measure, start.wanted) for swum in everything)[1]
             values["seeds_apart"] = np.ptp([score(swum, measure, start.wanted)[1] for swum in found[quantity]])
-            about = {"task": task, "quantity": quantity, "seed": start.seed, "turn": rounded(np.degrees(start.wanted))}
+            about = {"task": task, "quantity": quantity, "seed": start.seed, "swum_by": swum_by,
+                     "turn": rounded(np.degrees(start.wanted))}  # fmt: skip
             rows.append(about | {"policy": ""} | {name: rounded(value) for name, value in values.items()})
     for each in (few, env):
         each.close()
@@ -264,13 +269,14 @@ def rows_of(task: str, starts: int, budget: int, seeds: int, **options) -> list[
 
 
 def summarise(rows: list[dict]) -> str:
-    """A line for each task and quantity: the bound's mean over the starts with its interval, and others beside it."""
+    """A line for each task, quantity and start: the bound's mean with its interval, and others beside it."""
     lines, columns = [], ("bound", "seeds_apart", "motor_controllers", "policy")
-    for task, quantity in dict.fromkeys((row["task"], row["quantity"]) for row in rows):
-        chosen = [row for row in rows if (row["task"], row["quantity"]) == (task, quantity)]
+    kinds = dict.fromkeys((row["task"], row["quantity"], row["swum_by"]) for row in rows)
+    for task, quantity, swum_by in kinds:
+        chosen = [row for row in rows if (row["task"], row["quantity"], row["swum_by"]) == (task, quantity, swum_by)]
         table = np.array([[np.nan if row[name] == "" else row[name] for name in columns] for row in chosen], float)
         table = table[np.isfinite(table[:, 0])]
-        line = f"{task}, {quantity}: reached in {len(table)} of {len(chosen)} starts"
+        line = f"{task}, {quantity}, after {swum_by}: reached in {len(table)} of {len(chosen)} starts"
         if len(table):
             line += ", bound {:.3f} ({:.3f} to {:.3f})".format(*interval_of(table[:, 0]))
             line += f", seeds apart by at most {np.fmax.reduce(table[:, 1]):.3f}"

@@ -1,10 +1,14 @@
-"""The shipped policies and the motor controllers, made for the default fish, on every body: results/transfer.csv."""
+"""The shipped policies and the motor controllers, made for the default fish, on every body; and how they move it.
+
+results/transfer.csv, results/learning/kinematics.csv and results/learning/weights.csv.
+"""
 
 import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import publish
+from benchmarks.learning import kinematics
 from benchmarks.learning.publish import PUBLICATIONS
 from fish_env.control import FIRST_SEED, evaluate, evaluation_options, load_policy, make_eval_env, scripted
 from fish_env.control.policy import PRETRAINED
@@ -41,4 +45,7 @@ def shipped_rows() -> list[dict]:
 
 
 if __name__ == "__main__":
-    publish(__doc__, {"transfer.csv": shipped_rows})
+    publish(__doc__, {
+        "transfer.csv": shipped_rows, "learning/kinematics.csv": kinematics.shipped_rows,
+        "learning/weights.csv": kinematics.weight_rows,
+    })  # fmt: skip

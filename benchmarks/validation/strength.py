@@ -23,7 +23,7 @@ SECONDS = 0.25
 
 def contract(fish: Fish, dashpot: float) -> tuple[float, float]:
     """Largest force, N, and speed, m/s, of the base of the tail fin against a dashpot, N s/m; infinite ones hold it."""
-    front, base = fish.landmarks.node[FRONT], fish.landmarks.node[BASE]
+    front, base = np.unique(fish.landmarks.node[FRONT]), np.unique(fish.landmarks.node[BASE])
     load = make_anchors(base, fish.body.position[base], 0.0, dashpot / len(base)) if dashpot < np.inf else None
     tank = Tank(fish, 1, water=VACUUM._replace(anchors=load), threads=1)
     tank.fix(front)

@@ -121,13 +121,15 @@ class MassSpringParameters:
     """Drag coefficient of the fish's own water, of a face moving along its normal."""
     friction: float
     """Skin friction of that water, over that of a laminar boundary layer on a flat plate."""
+    thinning: float
+    """How much that friction grows with the flow across a face (docs/physics.md, eq. 90)."""
     added_mass: tuple[float, float] | None
     """Factors on the lateral and the vertical added mass of that water; None: it has no inertia."""
     contraction_time: float
-    """Shortest time from natural length to full contraction, s, where there is no activation time. Unless it is given,
-    it grows with the length to the power of 0.52, and so does `activation_time`."""
-    activation_time: tuple[float, float]
-    """Time constants of activation and of deactivation, s (Thelen 2003); (0, 0) for a limited rate."""
+    """Shortest time from natural length to full contraction, s. Unless it is given, it grows with the length to the
+    power of 0.52."""
+    lengthening: float
+    """What a muscle's rest length grows as its antagonist contracts, over what it shrinks as it contracts itself."""
     time_step: float
     """Step of the default integrator, s. Unless it is given, it is cut into whole parts for a fish below 0.2 m."""
     control_interval: float
@@ -150,12 +152,10 @@ class MassSpringParameters:
             object.__setattr__(self, name, tuple(values.tolist()))
         for name in (
             "length", "tail_half_span", "drag_coefficient", "contraction_time", "time_step", "control_interval",
-            "relaxation_time", "friction",
+            "relaxation_time", "friction", "thinning", "lengthening",
         ):  # fmt: skip
-            value = positive_array(getattr(self, name), (), name, zero=name in ("relaxation_time", "friction"))
-            object.__setattr__(self, name, float(value))
-        rise, fall = positive_array(self.activation_time, (2,), "activation_time", zero=True)
-        object.__setattr__(self, "activation_time", (float(rise), float(fall)))  # a list, as it comes from JSON
+            zero = name in ("relaxation_time", "friction", "thinning", "lengthening")
+            object.__setattr__(self, name, float(positive_array(getattr(self, name), (), name, zero=zero)))
         if np.any(np.array(self.water_place) >= 1):
             raise ValueError(f"water_place is {self.water_place}; give fractions below 1")
         if np.any(np.array(self.contracted) >= 1):
@@ -273,7 +273,6 @@ def _of_size(p: MassSpringParameters, given: dict) -> MassSpringParameters:
     slower = slowness(p.length / REFERENCE_LENGTH)
     times = {
         "contraction_time": slower * p.contraction_time,
-        "activation_time": tuple(slower * time for time in p.activation_time),
         "time_step": p.time_step / step_parts(p.length),
     }
     return replace(p, **{name: time for name, time in times.items() if name not in given})
@@ -330,15 +329,15 @@ def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=
 def common_fields(p: MassSpringParameters) -> dict:
     """Fields of `Fish` that every body takes from the parameters as they are, and its own water."""
     return {
-        "length": p.length, "contraction_time": p.contraction_time, "activation_time": p.activation_time,
+        "length": p.length, "contraction_time": p.contraction_time, "lengthening": p.lengthening,
         "control_interval": p.control_interval, "water": water_of(p),
     }  # fmt: skip
 
 
 def water_of(p: MassSpringParameters) -> World:
     """The fish's own water."""
-    inertia = {} if p.added_mass is None else {"inertia": True, "added_mass": p.added_mass}
-    return make_water(WATER_DENSITY, p.drag_coefficient, friction=p.friction, **inertia)
+    inertia = {} if p.added_mass is None else {"inertia": True, "added_mass": p.added_mass, "law": "cross_flow"}
+    return make_water(WATER_DENSITY, p.drag_coefficient, friction=p.friction, thinning=p.thinning, **inertia)
 
 
 def _fish(name: str, body: Body, contracted, **others) -> Fish:

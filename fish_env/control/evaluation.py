@@ -78,7 +78,6 @@ def policy_controller(policy: Policy | Any, env: FishVectorEnv) -> Controller:
     """A policy or a model in an environment whose control interval may be shorter than that of its training.
 
     In between, commanded rest lengths change linearly towards the policy's last action, as within one long interval.
-    Muscles with first-order activation receive the action itself, and end where one long interval would have ended.
 
     Raises:
         ValueError: if the policy's interval is not a whole multiple of the environment's; if the policy does not fit
@@ -95,15 +94,13 @@ def policy_controller(policy: Policy | Any, env: FishVectorEnv) -> Controller:
             f"the policy acts every {interval:g} s, the environment every {env.control_interval:g} s; "
             f"give a control_interval of which {interval:g} s is a whole multiple"
         )
-    goal, first_order = np.zeros(0), env.tank.fish.activation_time[0] > 0.0
+    goal = np.zeros(0)
 
     def act(obs: np.ndarray, time: float) -> np.ndarray:
         nonlocal goal
         since = round(time / env.control_interval) % every
         if since == 0:
             goal = decide(obs, time)
-        if first_order:
-            return goal
         present = (2.0 * _final_contraction(env) - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
         return present + (goal - present) / (every - since)
 
@@ -300,8 +297,11 @@ def evaluate(
             that does not fit the environment.
 
     Warns:
-        UserWarning: if more than half of the episodes are ended by a failure of the physics.
+        UserWarning: if more than half of the episodes are ended by a failure of the physics, or if the policy is of
+            another task.
     """
+    if isinstance(policy, str | Path):
+        policy = load_policy(policy)
     if isinstance(env, gym.Env):
         _, id, keywords = one_fish(env)
         limit = env.get_wrapper_attr("_max_episode_steps") if env.has_wrapper_attr("_max_episode_steps") else None
@@ -310,6 +310,8 @@ def evaluate(
             return evaluate(batch, policy, seed, options)
     if episodes is not None and isinstance(env, FishVectorEnv) and episodes != env.num_envs:
         raise ValueError(f"episodes is {episodes!r}, and the batch has {env.num_envs} fish: each runs one episode")
+    if (spec := getattr(env, "spec", None)) is not None and (said := another_task(policy, spec.kwargs)):
+        warnings.warn(said, UserWarning, stacklevel=2)
     results: list[dict[str, float]] = []
     failures = []
     for ended, _, infos in run_episodes(env, policy, seed, options):
@@ -321,6 +323,18 @@ def evaluate(
     if said := mostly_failed(failures, env.tank.dt):
         warnings.warn(said, UserWarning, stacklevel=2)
     return scores_by_name(results)
+
+
+def another_task(policy: Any, keywords: Mapping[str, Any]) -> str | None:
+    """Warning if a policy is of another task than that of an environment with these keywords, else None."""
+    spec = gym.registry.get(policy.about.get("env_id", "")) if isinstance(policy, Policy) else None
+    if spec is None or "task" not in keywords:
+        return None
+    own, here = (
+        f"{each.get('task')!r} in {each.get('dimensions', 2)} dimensions"
+        for each in (spec.kwargs | policy.about.get("env_options", {}), keywords)
+    )
+    return None if own == here else f"the policy was trained for {own}, and its scores are for {here}"
 
 
 def mostly_failed(failures: Sequence[str], dt: float) -> str | None:

@@ -19,6 +19,7 @@ from fish_env.control.video import SLOWDOWN, SPEED, VIDEOS, load_writer, write_v
 from fish_env.envs import FishEnv
 from fish_env.kernels.data import data
 from fish_env.physics.failures import FAILURES
+from fish_env.physics.muscles import contraction_of
 from fish_env.scene.frame import AHEAD, REACH, Body, Frame, command_arrows, task_name
 from fish_env.scene.look import PALETTE, as_text, look_of, pack_look, pack_numbers
 
@@ -126,8 +127,6 @@ def _episode(recording: Recording, fish: Any) -> FilmEpisode:
             f"environment has {needed}; it is damaged, or was made by another version: record the episode again"
         )
     mass = fish.body.mass / fish.body.mass.sum()
-    natural = fish.body.springs.rest_length[fish.muscles]
-    shortened = (natural - recording.rest_length[:, fish.muscles]) / ((1.0 - fish.contracted) * natural)
     return FilmEpisode(
         title=f"seed {recording.about['seed']}",
         interval=recording.about["control_interval"],
@@ -135,7 +134,7 @@ def _episode(recording: Recording, fish: Any) -> FilmEpisode:
         points=fish.points(recording.position),
         centre=np.einsum("n,tnk->tk", mass, recording.position),
         speed=np.linalg.norm(np.einsum("n,tnk->tk", mass, recording.velocity), axis=1) / fish.length,
-        contraction=np.clip(shortened, 0.0, 1.0),
+        contraction=np.clip(contraction_of(fish, recording.rest_length), 0.0, 1.0),
         command=recording.directions[:, 0] if recording.directions.shape[1] else np.zeros((recording.steps + 1, 3)),
         spheres=recording.spheres,
         gained=np.concatenate([[0.0], np.cumsum(recording.reward)]),

@@ -34,7 +34,7 @@ DYNAMIC_PRESSURE = 500.0  # Pa s2/m2: half the density of water; the scale is th
 AXES = ("forward", "left", "up")
 REFLECTED = (1.0, -1.0, 1.0)  # signs of a vector under the left-right reflection
 ROTATION_REFLECTED = (-1.0, 1.0, -1.0)  # and of an angular velocity
-MUSCLE_UNIT, FRAME = "-1 natural, 1 contracted", "in the body frame"
+MUSCLE_UNIT, FRAME = "-1 relaxed, 1 contracted", "in the body frame"
 
 
 @dataclass(frozen=True, eq=False)

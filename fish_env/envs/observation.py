@@ -13,6 +13,8 @@ from fish_env.envs.layout import DIRECTIONS, POSITION, REST_LENGTH, VELOCITY, VE
 from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import Kind, Pack, Vectors, cross, dot, fma, sqrt, vec3
 from fish_env.physics.forces.control import CURRENT, DRAG
+from fish_env.physics.forces.water import speed_of
+from fish_env.physics.muscles import contraction
 from fish_env.physics.pose import FORWARD, LEFT, UP
 from fish_env.physics.records import World
 
@@ -32,8 +34,7 @@ def observe_nodes(env, rows, b):
         write(forward, left, up, scale * r, limits[POSITION], b, starts[POSITION] + 3 * i, out)
         write(forward, left, up, scale * tank.velocity[b, n], limits[VELOCITY], b, starts[VELOCITY] + 3 * i, out)
     for m in range(tank.muscles.size):
-        contraction = (tank.natural[m] - tank.rest_length[b, INDEX(tank.muscles[m])]) / tank.span[m]
-        out[b, INDEX(starts[REST_LENGTH] + m)] = clip(2.0 * contraction - 1.0, limits[REST_LENGTH])
+        out[b, INDEX(starts[REST_LENGTH] + m)] = clip(2.0 * contraction(tank, b, m) - 1.0, limits[REST_LENGTH])
     write(forward, left, up, vec3(0.0, 0.0, 1.0), limits[VERTICAL], b, starts[VERTICAL], out)
     for p in range(DIRECTIONS, starts.size):
         write(forward, left, up, env.episode.vectors[b, p - DIRECTIONS], limits[p], b, starts[p], out)
@@ -67,6 +68,7 @@ def make_sensors(fish: Fish, world: World) -> Pack:
     return Pack(
         "sensors", order=order, first=first, muscles=np.array(fish.landmarks.muscles), faces=pressure_faces(fish),
         linear=float(world.linear), quadratic=float(world.quadratic),
+        oblique=float(world.oblique),
         current=Vectors(np.array([world.current], dtype=float), Kind(1)),
     )  # fmt: skip
 
@@ -140,7 +142,8 @@ def pressure_on(tank, sensors, b, k):
     total = v[b, INDEX(node[p])] + v[b, INDEX(node[q])] + v[b, INDEX(node[r])] + v[b, INDEX(node[s])]
     w = 0.25 * total - current
     a = cross(landmark(tank, b, r) - landmark(tank, b, p), landmark(tank, b, s) - landmark(tank, b, q))
-    outward, speed = dot(a, w) / max(sqrt(dot(a, a)), TINY), sqrt(dot(w, w))
+    outward = dot(a, w) / max(sqrt(dot(a, a)), TINY)
+    speed = speed_of(sensors.oblique, outward, w)
     linear = sensors.linear / tank.length_variation[b]
     return factors[b, DRAG] * (linear + sensors.quadratic * speed) * max(outward, 0.0)
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from fish_env.checks import positive_array, real
+from fish_env.checks import real
 from fish_env.physics.records import Body, World
 from fish_env.physics.world import VACUUM
 
@@ -36,10 +36,9 @@ class ElasticObject:
     contracted: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(M,) rest length at full contraction, as a fraction of the natural length."""
     contraction_time: float = 1.0
-    """Shortest time from natural length to full contraction, s, if there is no activation time."""
-    activation_time: tuple[float, float] = (0.0, 0.0)
-    """Time constants of activation and of deactivation, s: a contraction follows its command as a first-order system.
-    (0, 0): it follows at the rate that `contraction_time` allows."""
+    """Shortest time from natural length to full contraction, s."""
+    lengthening: float = 0.0
+    """What a muscle's rest length grows as its antagonist contracts, over what it shrinks as it contracts itself."""
     fibres: np.ndarray = GIVEN_LATER
     """(K,) all springs that the muscles drive; None: one spring per muscle."""
     drives: np.ndarray = GIVEN_LATER
@@ -50,11 +49,8 @@ class ElasticObject:
             value = getattr(self, name)
             if not 0.0 < real(value) < np.inf:
                 raise ValueError(f"{name} is {value!r}; give a positive, finite number")
-        rise, fall = positive_array(self.activation_time, (2,), "activation_time (s)", zero=True)
-        if (rise == 0.0) != (fall == 0.0):
-            raise ValueError(
-                f"activation_time is {self.activation_time}; give two positive times, or (0, 0) for a limited rate"
-            )
+        if not 0.0 <= real(self.lengthening) < 1.0:
+            raise ValueError(f"lengthening is {self.lengthening!r}; give a number from 0 to below 1")
         if np.any(self.contracted <= 0) or np.any(self.contracted >= 1):
             raise ValueError(f"contracted is {self.contracted}; give fractions between 0 and 1")
         if self.fibres is None:

@@ -169,3 +169,5 @@ class World(NamedTuple):
     righting: float = 0.0  # m/s2, gravity times the height of buoyancy above weight over the body's length
     extra: dict[str, NamedTuple] | None = None  # parameters of other forces; kernels read them as `world.<name>`
     friction: float = 0.0  # of faces along themselves, kg s^-1/2 m^-2, over the root of the body's length
+    oblique: float = 1.0  # part of the square of a face's velocity along itself in the quadratic law; 0: cross-flow
+    thinning: float = 0.0  # part that friction grows by, times the square of the sine between flow and face

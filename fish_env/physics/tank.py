@@ -19,7 +19,7 @@ from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import Elastic, Fish
 from fish_env.physics.forces.control import NOMINAL
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.muscles import command_all
+from fish_env.physics.muscles import antagonists, command_all, contraction_of, opposed_fibres
 from fish_env.physics.records import COUNTERS, FLOWS, Body, Control, State, World
 from fish_env.physics.world import VACUUM, checked_water
 
@@ -119,7 +119,14 @@ class Tank(ReadOnly, Generic[Elastic]):
                 "node": fish.landmarks.node, "height": fish.landmarks.height,
             }  # fmt: skip
         fibres, drives, natural, span = self._fibres
-        fields |= {"muscles": fish.muscles, "fibres": fibres, "drives": drives, "spring_nodes": springs.nodes}
+        fields |= {
+            "muscles": fish.muscles,
+            "fibres": fibres,
+            "drives": drives,
+            "opposed": opposed_fibres(fish),
+            "antagonists": antagonists(fish),
+            "spring_nodes": springs.nodes,
+        }
         own = {key: frozen(np.array(each)) if isinstance(each, np.ndarray) else each for key, each in fields.items()}
         return Pack(  # kernels do not check the indices in these arrays
             "tank",
@@ -128,7 +135,7 @@ class Tank(ReadOnly, Generic[Elastic]):
             rest_length=control.rest_length, rate=control.rate, variation=self.variation, effort=self.effort,
             muscle_variation=self.muscle_variation, length_variation=self.length_variation,
             rest_position=fish.body.position, mass=fish.body.mass, length=float(fish.length),
-            contraction_time=float(fish.contraction_time), activation_time=np.array(fish.activation_time, dtype=float),
+            contraction_time=float(fish.contraction_time), lengthening=float(fish.lengthening),
             natural=self.natural, span=self.span, fibre_natural=natural, fibre_span=span,
             spring_length=springs.rest_length, **own,
         )  # fmt: skip
@@ -213,8 +220,8 @@ class Tank(ReadOnly, Generic[Elastic]):
 
     @property
     def contraction(self) -> np.ndarray:
-        """Contraction of each muscle's rest length, (B,M): 0 natural, 1 full."""
-        return (self.natural - self.rest_length[:, self.fish.muscles]) / self.span
+        """Contraction of each muscle's rest length, (B,M): 0 relaxed, 1 full."""
+        return contraction_of(self.fish, self.rest_length)
 
     def vary(self, i: int, stiffness=1.0, mass=1.0, drag=1.0, current=(0.0, 0.0, 0.0), strength=1.0,
              contraction_time=1.0, length=1.0) -> None:  # fmt: skip
@@ -227,7 +234,7 @@ class Tank(ReadOnly, Generic[Elastic]):
             drag: factor on the force of the water, 0 to 1e9.
             current: velocity of its water relative to that of the tank's, (3,) m/s.
             strength: factor on how far its muscles contract, 0.01 to 1.5.
-            contraction_time: factor on the time that a contraction takes, or on its activation times, 0.01 to 100.
+            contraction_time: factor on the time that a contraction takes, 0.01 to 100.
             length: factor on its length, 0.01 to 100, at the same tissue and times. All else counts in its own lengths,
                 so that its metres are those of the tank's fish (docs/physics.md, eq. 93).
 

@@ -13,13 +13,14 @@ GRAVITY = 9.81  # m/s2
 RIGHTING = 0.005  # body lengths: without it, commands that differ above and below roll the fish over
 BLASIUS = 1.328  # mean friction coefficient of a laminar boundary layer times the root of the Reynolds number
 VACUUM = World(0.0, 0.0, frozen(np.zeros(3)))
+LAWS = ("quadratic", "cross_flow", "linear")
 WATERS = ("none", "drag", "reactive")
 """Levels of water that a `water` names: vacuum, the fish's own without inertia, and with it."""
 
 
 def make_water(
     density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0), inertia=False,
-    added_mass=(1.0, 1.0), righting=None, friction=0.0, viscosity=1.0e-6,
+    added_mass=(1.0, 1.0), righting=None, friction=0.0, thinning=0.0, viscosity=1.0e-6,
 ) -> World:  # fmt: skip
     """Still or uniformly moving water that resists outward-moving faces (docs/physics.md, eq. 11-13).
 
@@ -27,7 +28,8 @@ def make_water(
         density: density of the water, kg/m3 (quadratic law, inertia and friction).
         drag_coefficient: drag coefficient of a face moving along its normal, dimensionless (quadratic law). For the
             linear law, it is the coefficient itself, kg/(m2 s), whatever the density.
-        law: "quadratic" (Terzopoulos, Tu & Grzeszczuk 1994) or "linear" (Tu & Terzopoulos 1994).
+        law: "quadratic" (Terzopoulos, Tu & Grzeszczuk 1994); "cross_flow", in which only the velocity along a face's
+            normal counts (Taylor 1952); or "linear" (Tu & Terzopoulos 1994).
         current: velocity of the water, (3,) m/s.
         inertia: True for reactive water, which also resists the acceleration of the body's sections, by their added
             mass (docs/physics.md, eq. 75-82); for bodies with sections.
@@ -36,16 +38,18 @@ def make_water(
         righting: height of the centre of buoyancy above the centre of mass, body lengths: a couple that turns the fish
             upright. None: 0.005 for water with inertia, else zero.
         friction: skin friction over that of a laminar boundary layer on a flat plate of the body's length
-            (docs/physics.md, eq. 90), beside either law; 0 is none. On a swimming fish, the layer is thinner.
+            (docs/physics.md, eq. 90), beside any law; 0 is none.
+        thinning: part that friction grows by, times the square of the sine between the flow and the face, zero or
+            positive: flow across a surface makes its boundary layer thinner.
         viscosity: kinematic viscosity of the water, m2/s, for friction; 1.0e-6 is that of water at 20 degrees Celsius.
 
     Raises:
         ValueError: for an unknown law, a negative or non-finite number, or a current that is not three finite numbers.
     """
-    if not isinstance(law, str) or law not in ("quadratic", "linear"):
-        raise ValueError(f"unknown water law {law!r}; choose 'quadratic' or 'linear'")
+    if not isinstance(law, str) or law not in LAWS:
+        raise ValueError(f"unknown water law {law!r}; choose from {', '.join(map(repr, LAWS))}")
     for name, value in (("density", density), ("drag_coefficient", drag_coefficient), ("friction", friction),
-                        ("viscosity", viscosity)):  # fmt: skip
+                        ("thinning", thinning), ("viscosity", viscosity)):  # fmt: skip
         if not 0.0 <= real(value) < math.inf:
             raise ValueError(f"{name} is {value!r}; give a finite number, zero or positive")
     flow = finite_array(current, (3,), "current (m/s)")
@@ -58,13 +62,18 @@ def make_water(
     rough = 0.5 * BLASIUS * real(friction) * real(density) * math.sqrt(real(viscosity))
     if not rough < math.inf:
         raise ValueError(f"friction {friction!r} times density {density!r} is infinite; give less")
-    still = World(0.0, 0.0, flow, added_mass=heavy, righting=upright, friction=rough)
+    still = World(0.0, 0.0, flow, added_mass=heavy, righting=upright, friction=rough, thinning=real(thinning))
     if law == "linear":
         return still._replace(linear=real(drag_coefficient))
     quadratic = 0.5 * real(density) * real(drag_coefficient)
     if quadratic == math.inf:
         raise ValueError(f"density {density!r} times drag_coefficient {drag_coefficient!r} is infinite; give less")
-    return still._replace(quadratic=quadratic)
+    return still._replace(quadratic=quadratic, oblique=0.0 if law == "cross_flow" else 1.0)
+
+
+def law_of(water: World) -> str:
+    """The law of `make_water` by which a water resists faces."""
+    return "linear" if water.linear > 0.0 else "quadratic" if water.oblique > 0.0 else "cross_flow"
 
 
 def checked_water(given: str | Mapping[str, Any] | World, own: World) -> World:
@@ -91,7 +100,7 @@ def change_water(water: World, **named) -> World:
         ValueError: as `make_water`, and for added mass without inertia, or viscosity without friction.
     """
     own: dict[str, Any] = {
-        "density": 1000.0, "law": "linear" if water.linear > 0.0 else "quadratic", "current": water.current,
+        "density": 1000.0, "law": law_of(water), "current": water.current, "thinning": water.thinning,
         "drag_coefficient": water.linear or water.quadratic / 500.0, "inertia": water.added_mass is not None,
         "added_mass": (1.0, 1.0) if water.added_mass is None else water.added_mass / 1000.0,
         "righting": water.righting / GRAVITY, "friction": water.friction / (0.5 * BLASIUS),
@@ -100,7 +109,7 @@ def change_water(water: World, **named) -> World:
     for name, part in (("drag_coefficient", "law"), ("righting", "inertia")):
         if given[part] != own[part] and name not in named:
             del given[name]
-    for name, part in (("added_mass", "inertia"), ("viscosity", "friction")):
+    for name, part in (("added_mass", "inertia"), ("viscosity", "friction"), ("thinning", "friction")):
         if name in named and not given[part]:
             raise ValueError(f"{name} changes nothing in water without {part}; name {part} too, or leave {name} out")
     before, after = (make_water(**each) for each in (own, given))

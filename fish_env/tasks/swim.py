@@ -11,6 +11,7 @@ from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.start import POSE_OPTIONS, heading_vector, place
 
 HEADING_ERROR = Option(0.0, np.pi, "largest angle between the commanded heading and the fish's own at the start, rad")
+EFFORT_WEIGHT = rewards.EFFORT_WEIGHT._replace(default=1.0)  # with 0.1, muscles move faster than living ones
 SPEED = Option(0.1, 3.0, "commanded speed, body lengths per second")
 
 
@@ -22,13 +23,14 @@ def write_vectors(tank, pose, task, b, out):
 
 @kernel
 def write_terms(tank, pose, task, b, terms):
-    """Write the progress along the heading, body lengths, and the cost of moving the muscles."""
+    """Write the progress along the heading, body lengths, and the costs of moving the muscles and the head."""
     progress = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
     if task.commanded:
         wanted = task.speed[b] * task.interval
         progress = wanted - abs(progress - wanted)  # (39)
     terms[0, b] = progress
     terms[1, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (20)
+    terms[2, b] = rewards.sway(tank, pose, task.sway_weight, task.interval, b)  # (94)
     task.before[b] = pose.centre[b]
 
 
@@ -46,10 +48,10 @@ class SwimTask(CompiledTask):
         ValueError: for a number out of range, saying what is allowed.
     """
 
-    term_names = ("progress", "effort")
+    term_names = ("progress", "effort", "sway")
     episode_steps = 250
     write_vectors, write_terms = write_vectors, write_terms
-    weights = {"effort_weight": rewards.EFFORT_WEIGHT}
+    weights = {"effort_weight": EFFORT_WEIGHT, "sway_weight": rewards.SWAY_WEIGHT}
     settable = ("heading_error", "speed", *weights)
 
     def __init__(self, heading_error: float = 0.5, speed: float | tuple[float, float] | None = None, **weights):

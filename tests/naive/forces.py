@@ -46,7 +46,9 @@ def face_force(corners, share, world, x, v):
     normal = area / size
     velocity = share @ v[corners] - current
     outward = np.dot(normal, velocity)
-    pressure = linear * outward + quadratic * np.linalg.norm(velocity) * outward
+    along = velocity - outward * normal
+    speed = np.sqrt(outward**2 + world.oblique * along @ along)
+    pressure = linear * outward + quadratic * speed * outward
     return min(0.0, -pressure) * size * normal
 
 
@@ -57,8 +59,10 @@ def face_friction(body, corners, share, world, x, v):
     velocity = share @ v[corners] - world.current
     length = max(np.ptp(body.position[:, axis]) for axis in range(3))
     coefficient = world.friction / np.sqrt(length)
-    along = velocity - np.dot(velocity, area) * area / size**2
-    return coefficient * size * np.linalg.norm(velocity) ** 0.5, along
+    across = np.dot(velocity, area) * area / size**2
+    square = velocity @ velocity
+    more = 1.0 + world.thinning * (across @ across) / square
+    return coefficient * size * square**0.25 * more, velocity - across
 
 
 def water_force(body, world, x, v):

@@ -193,7 +193,8 @@ def water_pushes(body, world, duration, x, v, ahead):
             push = -outward / mobility * area / size
         differs = factor * face_force(corners, share, world, x, ahead) - push
         velocity = share @ ahead[corners] - world[2]
-        outward, speed = np.dot(velocity, area) / size, np.linalg.norm(velocity)
+        outward = np.dot(velocity, area) / size
+        speed = np.sqrt(outward**2 + world.oblique * (velocity @ velocity - outward**2))
         if outward > 0:
             slope = factor * size * (world[0] + world[1] * (speed + outward**2 / speed))
             differs /= 1.0 + mobility * slope

@@ -77,7 +77,8 @@ def implicit_matrices(body, world, rest_length, x, v, projected=False, wet=False
         area = area_vector(x[corners])
         size = np.linalg.norm(area)
         velocity = share @ v[corners] - world[2]
-        outward, speed = np.dot(velocity, area) / size, np.linalg.norm(velocity)
+        outward = np.dot(velocity, area) / size
+        speed = np.sqrt(outward**2 + world.oblique * (velocity @ velocity - outward**2))
         normal = np.outer(area, area) / size**2
         drag = factor * size * (world[0] + world[1] * (speed + outward**2 / speed)) if outward > 0 else 0.0
         rough, _ = face_friction(body, corners, share, world, x, v)

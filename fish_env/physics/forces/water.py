@@ -1,8 +1,9 @@
 """Water on the surface: every face that moves outward is resisted along its normal, and every face along itself.
 
 The linear law is Tu & Terzopoulos 1994; the quadratic one Terzopoulos, Tu & Grzeszczuk 1994 with half the density
-times a drag coefficient in place of their unit constant. Skin friction, if the world has it, is that of a laminar
-boundary layer on a flat plate (Blasius 1908) times a factor. No lift, added mass or wake.
+times a drag coefficient in place of their unit constant, or that of cross-flow (Taylor 1952), to which only the velocity
+along the normal counts. Skin friction, if the world has it, is that of a laminar boundary layer on a flat plate (Blasius
+1908) times a factor, more where the flow is across. No lift, added mass or wake.
 
 Legend: a area vector (area times outward normal n); w velocity of the face through the water; p, q, r, s its corners.
 """
@@ -124,20 +125,29 @@ def laws(world, control, cache):
 
 
 @kernel
-def push_on(body, linear, quadratic, current, x, v, k):
+def push_on(body, linear, quadratic, oblique, current, x, v, k):
     """Normal of face k, its velocity and area, and the force along the normal, zero if the face moves inward."""
     a, w = area_vector(body, x, k), velocity(body, current, v, k)
     size = sqrt(dot(a, a))
     n, area = (1.0 / size) * a, body.faces.drag[k] * size
-    outward, speed = dot(n, w), sqrt(dot(w, w))
+    outward = dot(n, w)
+    speed = speed_of(oblique, outward, w)
     return n, w, size, select(outward > 0.0, -(fma(quadratic, speed, linear) * outward * area), 0.0)  # (12), (13)
 
 
 @kernel
-def resistance(friction, w, size):
+def speed_of(oblique, outward, w):
+    """Speed of a face in the quadratic law."""
+    across = outward * outward
+    return sqrt(fma(oblique, dot(w, w) - across, across))
+
+
+@kernel
+def resistance(world, friction, n, w, size):
     """Friction on a face over its velocity along itself."""
-    square = dot(w, w)
-    return select(square > 0.0, friction * size * sqrt(sqrt(square)), 0.0)  # (90)
+    outward, square = dot(n, w), dot(w, w)
+    more = fma(world.thinning * outward, outward, square) / square
+    return select(square > 0.0, friction * size * sqrt(sqrt(square)) * more, 0.0)  # (90)
 
 
 @kernel
@@ -158,10 +168,10 @@ def add_force(body, world, control, x, v, f, cache):
     """Add the force of the water on every face."""
     linear, quadratic, friction, current = laws(world, control, cache)
     for k in range(body.faces.nodes.shape[0]):
-        n, w, size, push = push_on(body, linear, quadratic, current, x, v, k)
+        n, w, size, push = push_on(body, linear, quadratic, world.oblique, current, x, v, k)
         g = push * n
         if cache.friction > 0.0:
-            g = fma(-resistance(friction, w, size), along(n, w), g)
+            g = fma(-resistance(world, friction, n, w, size), along(n, w), g)
         scatter(body, k, g, f)
 
 
@@ -177,13 +187,13 @@ def add_force_cached(body, world, control, x, v, f, cache):
     h = control.plans[control.row[0], H]
     half = 0.5 * h
     for k in range(body.faces.nodes.shape[0]):
-        n, w, size, push = push_on(body, linear, quadratic, current, x, v, k)
+        n, w, size, push = push_on(body, linear, quadratic, world.oblique, current, x, v, k)
         outward = dot(n, w)
         stopping = select(outward > 0.0, -outward / (half * cache.loaded[k]), 0.0)
         push = select(push < stopping, stopping, push)  # (38)
         g = push * n
         if cache.friction > 0.0:
-            pull = -limited(resistance(friction, w, size), h, cache.mobility[k]) * along(n, w)
+            pull = -limited(resistance(world, friction, n, w, size), h, cache.mobility[k]) * along(n, w)
             cache.pull[k] = pull
             g = g + pull
         scatter(body, k, g, f)
@@ -204,16 +214,16 @@ def add_change(body, world, control, x, v, f, cache):
     part = cache.halves * (0.5 * h)
     for k in range(cache.size.size):
         n, size, push, w = cache.normal[k], cache.size[k], cache.push[k], velocity(body, current, v, k)
-        area, outward, square = body.faces.drag[k] * size, dot(n, w), dot(w, w)
-        speed = sqrt(square)
+        area, outward = body.faces.drag[k] * size, dot(n, w)
+        speed = speed_of(world.oblique, outward, w)
         change = -(fma(quadratic, speed, linear) * outward * area) - push
-        slope = fma(quadratic, fma(outward, outward, square), linear * speed)  # times the speed
+        slope = fma(quadratic, fma(outward, outward, speed * speed), linear * speed)  # times the speed
         slowed = (part * cache.mobility[k]) * area * slope
         weighed = fma(control.lightness[0] * cache.carried[k] * speed, speed / fma(0.5, slowed, speed), speed)
         ahead = change * (weighed / (slowed + weighed))  # (38)
         g = select(outward > 0.0, ahead, -push) * n
         if cache.friction > 0.0:
-            rough = limited(resistance(friction, w, size), h, cache.mobility[k])
+            rough = limited(resistance(world, friction, n, w, size), h, cache.mobility[k])
             g = fma(-rough, along(n, w), g - cache.pull[k])
         scatter(body, k, g, f)
 
@@ -224,11 +234,11 @@ def loss(body, world, control, x, v, f, cache):
     linear, quadratic, friction, current = laws(world, control, cache)
     total = zero(control.stiffness)
     for k in range(body.faces.nodes.shape[0]):
-        n, w, size, push = push_on(body, linear, quadratic, current, x, v, k)
+        n, w, size, push = push_on(body, linear, quadratic, world.oblique, current, x, v, k)
         total = fma(-push, dot(n, w), total)
         if cache.friction > 0.0:
             u = along(n, w)
-            total = fma(resistance(friction, w, size), dot(u, u), total)
+            total = fma(resistance(world, friction, n, w, size), dot(u, u), total)
     return total
 
 
@@ -244,11 +254,12 @@ def add_damping(body, world, control, x, v, a, cache):
     first, start, rows = body.profile.first, body.profile.start, body.profile.row
     nodes, share = body.faces.nodes, body.faces.share
     for k in range(nodes.shape[0]):
-        n, w, size, _ = push_on(body, linear, quadratic, current, x, v, k)
-        area, outward, speed = body.faces.drag[k] * size, dot(n, w), sqrt(dot(w, w))
+        n, w, size, _ = push_on(body, linear, quadratic, world.oblique, current, x, v, k)
+        area, outward = body.faces.drag[k] * size, dot(n, w)
+        speed = speed_of(world.oblique, outward, w)
         slope = fma(quadratic, fma(outward, outward, speed * speed), linear * speed) / speed
         drag = select(outward > 0.0, h * area * slope, 0.0)  # (27)
-        rough, none = h * resistance(friction, w, size), zero(control.drag)
+        rough, none = h * resistance(world, friction, n, w, size), zero(control.drag)
         across = drag - rough
         columns = (
             fma(across * n.x, n, vec3(rough, none, none)),
