@@ -172,7 +172,7 @@ REGISTRY = {result.name: result for result in (
         follows=TRAINED,
     ),
     published(
-        "learning.transfer", "the shipped policies and motor controllers on every body, and how they move; trains five",
+        "learning.transfer", "shipped policies and motor controllers on every body, and how they move; trains five",
         6, "transfer.csv", "learning/kinematics.csv", "learning/weights.csv", follows=(*EVERY_BODY, "task *", "policy *"),
     ),
     published(

@@ -1,10 +1,10 @@
 """What is the best that the muscles can do? Commands by optimal control, beside motor controllers and shipped policy.
 
 A start is a fish that the motor controllers, or the shipped policy, have swum with until the last command of an
-evaluation episode, in Swim until it is steady. From this state both go on, and CMA-ES searches for commands. It begins with the better ones of the two, which it never falls behind, and changes them every 40 ms in each
-segment, to the left or to the right. Fast strokes are unstable without feedback. A steady swimmer therefore executes
-only the beginning of a plan, and plans again from there (a receding horizon); the controller that it began with
-goes on after the plan.
+evaluation episode, in Swim until it is steady. From this state both go on, and CMA-ES searches for commands. It begins
+with the better ones of the two, which it never falls behind, and changes them every 40 ms in each segment, to the left
+or to the right. Fast strokes are unstable without feedback. A steady swimmer therefore executes only the beginning of a
+plan, and plans again from there (a receding horizon); the controller that it began with goes on after the plan.
 
 A search shows what can be reached. How far its seeds are apart tells how far it may be from the best.
 """

@@ -1,9 +1,9 @@
 """Water on the surface: every face that moves outward is resisted along its normal, and every face along itself.
 
 The linear law is Tu & Terzopoulos 1994; the quadratic one Terzopoulos, Tu & Grzeszczuk 1994 with half the density
-times a drag coefficient in place of their unit constant, or that of cross-flow (Taylor 1952), to which only the velocity
-along the normal counts. Skin friction, if the world has it, is that of a laminar boundary layer on a flat plate (Blasius
-1908) times a factor, more where the flow is across. No lift, added mass or wake.
+times a drag coefficient in place of their unit constant, or that of cross-flow (Taylor 1952), for which only the
+velocity along the normal counts. Skin friction, if the world has it, is that of a laminar boundary layer on a flat
+plate (Blasius 1908) times a factor, more where the flow is across. No lift, added mass or wake.
 
 Legend: a area vector (area times outward normal n); w velocity of the face through the water; p, q, r, s its corners.
 """
