@@ -72,7 +72,7 @@ def test_exported_policy_acts_like_the_model(task, symmetric):
     env.reset()
     for _ in range(5):
         obs, *_ = env.step(np.random.default_rng(0).uniform(-1, 1, (4, env.action_space.shape[0])))
-    expected = model.predict(obs, deterministic=True)[0] @ synergies(env.unwrapped.fish).T
+    expected = model.predict(obs, deterministic=True)[0] @ synergies(env.unwrapped.fish, env.action_space.shape[0]).T
     policy = export_policy(model, {})
     np.testing.assert_allclose(policy(obs), np.clip(expected, -1, 1), atol=2e-5)
     place, sign, swap = reflection_of(env.unwrapped.fish)

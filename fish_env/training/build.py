@@ -13,7 +13,7 @@ from fish_env.control import Policy, equivariant
 from fish_env.control.equivariant import EquivariantPolicy, equivariant_options
 from fish_env.envs import make_sb3_vec_env
 from fish_env.training.config import TrainConfig
-from fish_env.training.synergy import SynergyWrapper, batch_of, common_actions, synergies
+from fish_env.training.synergy import SynergyWrapper, batch_of, common_actions, mirrored_actions, synergies
 
 
 def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
@@ -23,14 +23,17 @@ def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
     if isinstance(env.observation_space, Dict):
         env.close()
         raise ValueError("the environment observes goals, which are for HER and not for PPO; leave goal_env out")
-    return SynergyWrapper(env)
+    return SynergyWrapper(env, config.twist)
 
 
 def make_model(config: TrainConfig, env: VecEnv, seed: int, folder: Path | None = None) -> PPO:
     """A fresh PPO learner for a run, whose folder gets TensorBoard's events."""
-    options = equivariant_options(batch_of(env))
+    batch = batch_of(env)
+    options = equivariant_options(batch)
     if not config.symmetric:
         del options["reflection"]
+    elif flatdim(env.action_space) < flatdim(batch.single_action_space):
+        options["reflection"] = options["reflection"]._replace(swap=mirrored_actions(batch.tank.fish))
     return PPO(
         EquivariantPolicy if config.symmetric else "MlpPolicy",
         env,
@@ -129,4 +132,5 @@ def start_from(model: PPO, other: PPO) -> None:
 
 def export_policy(model: BaseAlgorithm, about: dict[str, Any]) -> Policy:
     """The model's mean action as a `Policy`, the scaling of observations folded into its first layer."""
-    return equivariant.export_policy(model, about, synergies(batch_of(model.get_env())))
+    combine = synergies(batch_of(model.get_env()), flatdim(model.action_space))
+    return equivariant.export_policy(model, about, combine)

@@ -39,6 +39,8 @@ class TrainConfig:
     entropy_weight: float = 0.0
     initial_log_std: float = -0.5
     hidden: tuple[int, ...] = (64, 64)
+    twist: bool = True
+    """False commands the upper and the lower muscle of a pair alike: a fish that starts level stays level."""
     symmetric: bool = True
     """True for a policy that is equivariant under the left-right reflection (`fish_env/control/equivariant.py`)."""
 
@@ -91,14 +93,17 @@ DENSER = {"max_episode_steps": 150, "wait": (0.3, 1.0)}
 
 CONFIGS: dict[str, TrainConfig] = {
     "swim": TrainConfig("FishEnv/Swim-v0", hidden=(32, 32)),
-    "turn": TrainConfig("FishEnv/Turn-v0", {}, DENSER, timesteps=4_000_000, horizon=2.0),
-    "left_after_right": TrainConfig("FishEnv/LeftAfterRight-v0", {}, DENSER, timesteps=6_000_000, horizon=2.0),
+    "turn": TrainConfig("FishEnv/Turn-v0", {}, DENSER, timesteps=4_000_000, horizon=2.0, twist=False),
+    "left_after_right": TrainConfig(
+        "FishEnv/LeftAfterRight-v0", {}, DENSER, timesteps=6_000_000, horizon=2.0, twist=False
+    ),
     "target": TrainConfig("FishEnv/Target-v0", {}, {"patience": 3.0}, timesteps=6_000_000),
     "target_3d": TrainConfig("FishEnv/Target3D-v0", {}, {"patience": 3.0}, timesteps=8_000_000),
     "avoid": TrainConfig("FishEnv/Avoid-v0", timesteps=4_000_000),
     "fast_start": TrainConfig("FishEnv/FastStart-v0", timesteps=6_000_000, horizon=2.0),
 }
-"""A task of the package, or one of its forms, by its name in the command line."""
+"""A task of the package, or one of its forms, by its name in the command line. With single muscles, fish learn to turn
+on their side."""
 
 SCORES = {
     "swim": "speed", "turn": "success", "left_after_right": "success", "target": "targets", "target_3d": "success",

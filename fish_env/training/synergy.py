@@ -29,16 +29,19 @@ def batch_of(env: VecEnv | None) -> FishVectorEnv:
     return bare.fish
 
 
-def synergies(env: FishVectorEnv) -> np.ndarray:
-    """The matrix (A,A) from a learner's actions to those of a `FishVectorEnv`.
+def synergies(env: FishVectorEnv, size: int | None = None) -> np.ndarray:
+    """The matrix (A,A') from a learner's actions, `size` of them or as many as the environment has, to the latter's.
 
-    The action at the place of the upper muscle of a pair moves both, that of the lower one sets their difference. In an
-    environment with an action for each pair, the actions are the same.
+    The action at the place of the upper muscle of a pair moves both, that of the lower one sets their difference. A
+    learner with one action for each pair moves both muscles alike. In an environment with an action for each pair, the
+    actions are the same.
     """
-    fish, size = env.tank.fish, int(env.groups.max()) + 1
-    matrix = np.eye(size)
-    if size < fish.num_muscles:
+    fish, own = env.tank.fish, int(env.groups.max()) + 1
+    matrix = np.eye(own)
+    if own < fish.num_muscles:
         return matrix
+    if size is not None and size < own:
+        return matrix[:, :size][fish.grouping("pairs")]
     for upper, lower in pairs(fish):
         matrix[upper, lower], matrix[lower, upper], matrix[lower, lower] = DIFFERENCE_WEIGHT, 1.0, -DIFFERENCE_WEIGHT
     return matrix
@@ -57,11 +60,22 @@ def common_actions(fish: Fish, size: int) -> np.ndarray:
     return np.arange(size) if size == upper.size else upper
 
 
-class SynergyWrapper(VecEnvWrapper):
-    """Turns a learner's actions into those of the muscles of the environment."""
+def mirrored_actions(fish: Fish) -> np.ndarray:
+    """The action for a pair that each becomes when left and right are exchanged, (P,)."""
+    return fish.grouping("pairs")[fish.mirrored_muscles[pairs(fish)[:, 0]]]
 
-    def __init__(self, venv: VecEnv):
-        self.matrix = synergies(batch_of(venv)).T.astype(np.float32)
+
+class SynergyWrapper(VecEnvWrapper):
+    """Turns a learner's actions into those of the muscles of the environment.
+
+    Args:
+        venv: the environment.
+        twist: False for one action a pair.
+    """
+
+    def __init__(self, venv: VecEnv, twist: bool = True):
+        env = batch_of(venv)
+        self.matrix = synergies(env, None if twist else len(pairs(env.tank.fish))).T.astype(np.float32)
         size = len(self.matrix)
         super().__init__(venv, action_space=gym.spaces.Box(-ACTION_LIMIT, ACTION_LIMIT, (size,), dtype=np.float32))
 
