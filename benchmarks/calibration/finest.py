@@ -16,7 +16,7 @@ from fish_env import Fish, make_fish
 from fish_env.bodies.fitted import read_calibration
 from fish_env.control import Gait
 
-LEVEL, GENERATIONS, POPULATION, SPREAD = 1, 20, 20, 0.03
+LEVEL, GENERATIONS, POPULATION, SPREAD = 1, 10, 20, 0.02
 """Of the search; the last is the standard deviation of its first points."""
 NEAR = 0.01  # weight of the distance from the start: of parameters that nothing depends on, the first are kept
 CONTRACTED = 0.6, 0.95
@@ -27,24 +27,24 @@ FRICTION = 1.0, 4.0
 START: dict[str, dict] = {
     "reactive": {
         "parameters": {
-            "stiffness": [1.0, 571.5, 855.5],
-            "taper": [1.0, 2.076, 4.035, 0.9094, 0.8924, 0.8736],
-            "contracted": [0.6533, 0.8136, 0.7221],
+            "stiffness": [1.0, 575.3, 904.9],
+            "taper": [1.0, 2.006, 4.015, 0.8571, 0.8985, 0.8726],
+            "contracted": [0.6367, 0.8133, 0.7167],
             "lengthening": 0.6,
-            "relaxation_time": 0.0001617,
+            "relaxation_time": 0.0001605,
             "contraction_time": 0.06,
-            "drag_coefficient": 2.353,
-            "friction": 1.397,
-            "thinning": 41.87,
+            "drag_coefficient": 2.48,
+            "friction": 1.283,
+            "thinning": 42.54,
             "added_mass": [0.91, 0.92],
             "outline": "trout",
-            "time_step": 0.02 / 12,
+            "time_step": 0.02 / 20,
         },
-        "young": [158600.0, 131900.0, 83140.0, 232800.0, 263500.0, 4286000.0],
+        "young": [164000.0, 131500.0, 80390.0, 209700.0, 278400.0, 4623000.0],
         "gaits": [
-            {"frequency": 2.48, "amplitude": [0.2648, 0.08732, 0.6212], "lag": [0.0, 1.808, 2.886]},
-            {"frequency": 3.18, "amplitude": [0.4335, 0.3694, 0.7605], "lag": [0.0, 1.874, 3.024]},
-            {"frequency": 4.23, "amplitude": [0.2172, 0.3443, 0.5809], "lag": [0.0, 1.615, 2.573]},
+            {"frequency": 2.48, "amplitude": [0.2789, 0.08696, 0.6199], "lag": [0.0, 1.905, 3.05]},
+            {"frequency": 3.18, "amplitude": [0.434, 0.3764, 0.7453], "lag": [0.0, 1.995, 3.066]},
+            {"frequency": 4.23, "amplitude": [0.231, 0.3724, 0.6243], "lag": [0.0, 1.421, 2.671]},
         ],
     },
 }
