@@ -38,7 +38,7 @@ def rows_of(water: str, name: str, level, found: list[Midline]) -> list[dict]:
             "speed": round(one.speed, 3), "sweep_trout": round(real.sweep, 4), "sweep": round(one.sweep, 4),
             "nose_over_tail": round(one.nose, 3), "strouhal": round(one.strouhal, 3), "stride": round(one.stride, 3),
             "envelope_off": round(float(np.abs(one.amplitude - 0.5 * real.sweep * ENVELOPE).max()), 4),
-            "work": round(one.work, 3), "lost": round(one.lost, 3),
+            "work": round(one.work, 3), "thrust": round(one.thrust, 3), "lost": round(one.lost, 3),
             **{f"amplitude_{k}": round(float(a), 4) for k, a in enumerate(one.amplitude)},
             **{f"phase_{k}": round(float(a), 3) for k, a in enumerate(one.phase)}, "failure": one.failure,
         }
@@ -76,7 +76,7 @@ def check_strength() -> list[dict]:
         rows.append({
             "water": water, "body": name, "level": level, "strength": strength,
             "strain": round(1.0 - float(fish.contracted.min()), 3), "rate": round(turned["rate"], 1),
-            "radius": round(turned["radius"], 3), "angle": round(started["best angle"], 1),
+            "radius": round(turned["radius"], 3), "angle": round(started["best angle"], 1), "snout": round(started["best snout"], 1),
             "acceleration": round(started["best acceleration"], 2), "kept": round(float(kept.min()), 3),
             "failed": failed,
             "error_percent": round(100.0 * inaccuracy(fish), 3) if name == "mass_spring" else "",
@@ -113,7 +113,8 @@ def check_best_gait() -> list[dict]:
 
 SHOWN_QUANTITIES = {
     "speed": ("speed, BL/s", ".2f"), "sweep": ("tail sweep, BL", ".3f"), "nose_over_tail": ("nose over tail", ".2f"),
-    "strouhal": ("Strouhal", ".2f"), "envelope_off": ("midline off, BL", ".3f"), "work": ("work, J/kg/m", ".2f"),
+    "strouhal": ("Strouhal", ".2f"), "envelope_off": ("midline off, BL", ".3f"), "work": ("net work, J/kg/m", ".2f"),
+    "thrust": ("of it thrust", ".2f"),
 }  # fmt: skip
 """Of the page's table: head of the column, format."""
 
@@ -122,7 +123,7 @@ def table(rows: list[dict]) -> str:
     """The page's table: a row for the trout and for each body, the three speeds side by side."""
     trout = (
         ", ".join(f"{row.speed:.2f}" for row in TROUT), ", ".join(f"{row.sweep:.3f}" for row in TROUT), "0.10 to 0.14",
-        ", ".join(f"{row.frequency * row.sweep / row.speed:.2f}" for row in TROUT), "", "-, 0.6, 0.9",
+        ", ".join(f"{row.frequency * row.sweep / row.speed:.2f}" for row in TROUT), "", "", "-, 0.6, 0.9",
     )  # fmt: skip
     lines = [("trout", *trout)]
     for water, (name, level) in calibrated():
@@ -135,12 +136,12 @@ def table(rows: list[dict]) -> str:
 def strength_table(rows: list[dict]) -> str:
     """The page's table of turns and starts."""
     head = ("water, body, part of the contraction", "strain", "rate, °/s", "radius, BL", "angle in 0.3 s, °",
-            "acceleration, m/s²", "least area of a section", "error of the step, %")  # fmt: skip
+            "snout, °", "acceleration, m/s²", "least area of a section", "error of the step, %")  # fmt: skip
     lines = [
         (
             f"{row['water']}, `{row['body']}`, {row['strength']:g}", f"{row['strain']:.2f}", f"{row['rate']:.0f}",
             f"{row['radius']:.2f}".replace("nan", "-"),  # hardly turned
-            f"{row['angle']:.0f}", f"{row['acceleration']:.1f}", f"{row['kept']:.2f}", row["error_percent"],
+            f"{row['angle']:.0f}", f"{row['snout']:.0f}", f"{row['acceleration']:.1f}", f"{row['kept']:.2f}", row["error_percent"],
         )
         for row in rows
     ]  # fmt: skip

@@ -27,7 +27,7 @@ FISH, INTERVALS = 12, 50  # that bear changing commands, and for how many contro
 
 @dataclass(frozen=True)
 class Trout:
-    """One row of a study of the median fins of a 19.6 cm rainbow trout (J. Exp. Biol., after Drucker & Lauder)."""
+    """A row of Table 1 of Drucker & Lauder (2005, J. Exp. Biol. 208:4479), of rainbow trout of 19.6 cm."""
 
     speed: float  # body lengths/s
     frequency: float  # Hz

@@ -40,7 +40,6 @@ LIVING = {
     ("cruise at 2 BL/s", "sweep"): Living("0.15 to 0.17", "Drucker & Lauder; Webb 1984"),
     ("cruise at 2 BL/s", "Strouhal"): Living("0.31", "Drucker & Lauder"),
     ("cruise at 2 BL/s", "nose over tail"): Living("0.10 to 0.14", "tracks of kfeilich/FishTrackProcessing"),
-    ("cruise at 2 BL/s", "work"): Living("0.9", "thrust power of trout, 0.36 W/kg (Webb 1971)"),
     ("thriftiest at 1 BL/s", "frequency"): Living("2.5 to 3.2", "Webb 1984; Drucker & Lauder"),
     ("thriftiest at 1 BL/s", "Strouhal"): Living("0.41", "Drucker & Lauder"),
     ("thriftiest at 2 BL/s", "frequency"): Living("3.8 to 4.2", "Webb 1984; Drucker & Lauder"),
