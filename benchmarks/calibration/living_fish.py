@@ -76,8 +76,8 @@ def check_strength() -> list[dict]:
         rows.append({
             "water": water, "body": name, "level": level, "strength": strength,
             "strain": round(1.0 - float(fish.contracted.min()), 3), "rate": round(turned["rate"], 1),
-            "radius": round(turned["radius"], 3), "angle": round(started["best angle"], 1), "snout": round(started["best snout"], 1),
-            "acceleration": round(started["best acceleration"], 2), "kept": round(float(kept.min()), 3),
+            "radius": round(turned["radius"], 3), "angle": round(started["best angle"], 1),
+            "snout": round(started["best snout"], 1), "acceleration": round(started["best acceleration"], 2), "kept": round(float(kept.min()), 3),
             "failed": failed,
             "error_percent": round(100.0 * inaccuracy(fish), 3) if name == "mass_spring" else "",
         })  # fmt: skip
@@ -141,7 +141,8 @@ def strength_table(rows: list[dict]) -> str:
         (
             f"{row['water']}, `{row['body']}`, {row['strength']:g}", f"{row['strain']:.2f}", f"{row['rate']:.0f}",
             f"{row['radius']:.2f}".replace("nan", "-"),  # hardly turned
-            f"{row['angle']:.0f}", f"{row['snout']:.0f}", f"{row['acceleration']:.1f}", f"{row['kept']:.2f}", row["error_percent"],
+            f"{row['angle']:.0f}", f"{row['snout']:.0f}", f"{row['acceleration']:.1f}", f"{row['kept']:.2f}",
+            row["error_percent"],
         )
         for row in rows
     ]  # fmt: skip
