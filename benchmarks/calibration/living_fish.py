@@ -77,8 +77,8 @@ def check_strength() -> list[dict]:
             "water": water, "body": name, "level": level, "strength": strength,
             "strain": round(1.0 - float(fish.contracted.min()), 3), "rate": round(turned["rate"], 1),
             "radius": round(turned["radius"], 3), "angle": round(started["best angle"], 1),
-            "snout": round(started["best snout"], 1), "acceleration": round(started["best acceleration"], 2), "kept": round(float(kept.min()), 3),
-            "failed": failed,
+            "snout": round(started["best snout"], 1), "acceleration": round(started["best acceleration"], 2),
+            "kept": round(float(kept.min()), 3), "failed": failed,
             "error_percent": round(100.0 * inaccuracy(fish), 3) if name == "mass_spring" else "",
         })  # fmt: skip
     return rows
