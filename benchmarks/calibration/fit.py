@@ -17,7 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.calibration.commands import TRAINING, UNSEEN, drawn, training_scenes, weights
-from benchmarks.calibration.fit_search import Search, parameters
+from benchmarks.calibration.fit_search import FIXED, Search, parameters
 from benchmarks.calibration.keep import KEPT, PACKAGE, digest, kept, publish, rounded
 from benchmarks.common import tables
 from benchmarks.common.motion import Motion, errors, play, record
@@ -81,7 +81,8 @@ def search(body: str, water: str, base: dict, generations: int, _finest: dict) -
     with multiprocessing.get_context("spawn").Pool() as pool:
         each = partial(pool.map, chunksize=1)
         found, least = minimise(problem.squares, problem.start, SPREAD[body], generations, 1, 16, each)
-    return {"squares": least, "parameters": rounded(parameters(body, water, found))}
+    given = {name: FIXED.get(name, rounded(value)) for name, value in parameters(body, water, found).items()}
+    return {"squares": least, "parameters": given}
 
 
 def test_scenes(water: str) -> dict[str, np.ndarray]:
