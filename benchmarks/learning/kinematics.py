@@ -21,7 +21,7 @@ MUSCLE = 0.5  # part of a section, and of the body's mass
 STRAIGHT = ("swim",)  # tasks in which the path is straight
 QUANTILE = 0.99  # of strain rates
 WEIGHTS: list[dict[str, float]] = [
-    {"sway_weight": 0.0}, {"sway_weight": 0.35}, {"sway_weight": 1.4}, {"effort_weight": 0.1}, {"effort_weight": 3.0},
+    {"sway_weight": 0.0}, {"sway_weight": 0.7}, {"sway_weight": 3.0}, {"effort_weight": 0.1}, {"effort_weight": 3.0},
 ]  # fmt: skip
 """Of the reward of Swim, beside the defaults."""
 SWAY = 0.95  # part of the time that the sway is taken over, so that a single stroke does not count
