@@ -208,8 +208,8 @@ def start(fish: Fish, first=range(2, 12), second=range(12)) -> dict[str, float]:
 
 def wetted_area(fish: Fish) -> float:
     """Area of the surface, m2."""
-    x = fish.body.position[fish.body.faces.nodes]
-    return float(0.5 * np.linalg.norm(np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]), axis=1).sum())
+    x, rise = fish.body.position[fish.body.faces.nodes], fish.body.faces.depth[:, None] * [0.0, 0.0, 1.0]
+    return float(0.5 * np.linalg.norm(np.cross(x[:, 2] - x[:, 0] + rise, x[:, 3] - x[:, 1] + rise), axis=1).sum())
 
 
 def coast(fish: Fish, speed=2.0) -> dict[str, float]:
