@@ -172,9 +172,8 @@ REGISTRY = {result.name: result for result in (
         follows=TRAINED,
     ),
     published(
-        "learning.transfer", "shipped policies, motor controllers on every body, and how they move; trains five",
-        6, "transfer.csv", "learning/kinematics.csv", "learning/weights.csv",
-        follows=(*EVERY_BODY, "task *", "policy *"),
+        "learning.transfer", "the shipped policies and motor controllers on every body, and how the policies move",
+        1.5, "transfer.csv", "learning/kinematics.csv", follows=(*EVERY_BODY, "task *", "policy *"),
     ),
     published(
         "learning.sensing", "what sensors cost, and what policies keep under held-out conditions; trains 18 policies",

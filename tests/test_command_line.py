@@ -39,7 +39,7 @@ def test_list(capsys):
     printed = capsys.readouterr().out
     lines = {line.split()[0]: line for line in printed.splitlines() if line.startswith("  ")}
     ids = [id for id in gym.registry if id.startswith("FishEnv/")]
-    assert len(ids) == 7
+    assert len(ids) == 8
     for name in (*ids, *fish_env.BODIES, *fish_env.INTEGRATORS):
         assert len(lines[name].split()) > 4, name
     assert all(task in printed.splitlines()[-2] for task in shipped_policies())

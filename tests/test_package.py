@@ -33,7 +33,7 @@ for name in BODIES:
     make_fish(name)
 best_gait(), load_tables()
 ids = [id for id in gym.registry if id.startswith("FishEnv/")]
-assert len(ids) == 7
+assert len(ids) == 8
 for id in ids:
     assert gym.make(id).observation_space.shape == (fish_env.observation_layout(id).size,)
 policies = {task: load_policy(path) for task, path in shipped_policies().items()}

@@ -218,7 +218,8 @@ def test_rest_lengths_move_linearly(name):
     tank = Tank(fish, 1, name, own_step(fish, INTEGRATORS[name]), world)
     natural, duration, rate = fish.body.springs.rest_length, steps * tank.dt, np.zeros(91)
     contracted = np.minimum(0.5 * (command + 1.0), min(1.0, duration / fish.contraction_time))
-    rate[fish.muscles] = -contracted * (1 - fish.contracted) * natural[fish.muscles] / duration
+    shortened = contracted - fish.lengthening * contracted[fish.mirrored_muscles]
+    rate[fish.muscles] = -shortened * (1 - fish.contracted) * natural[fish.muscles] / duration
     wanted = naive.advance(name, fish.body, world, natural, rate, fish.body.position, np.zeros((23, 3)), tank.dt, steps)
     tank.swim(command, duration)
     exact = 1.0 if INTEGRATORS[name].kind != "adaptive" else 2e5

@@ -35,6 +35,7 @@ START: dict[str, dict] = {
             "contraction_time": 0.06,
             "drag_coefficient": 2.48,
             "friction": 1.283,
+            "law": "cross_flow",
             "thinning": 42.54,
             "added_mass": [0.91, 0.92],
             "outline": "trout",

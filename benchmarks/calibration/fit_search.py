@@ -44,7 +44,7 @@ REPEATED, DEAD = 5.0, 10.0
 sections that are nearly inverted, of roll, of how far the search has gone, and of what restless fish do."""
 FIXED = {"relaxation_time": 0.001, "outline": "trout", "time_step": 0.02 / 12}
 """Parameters of `mass_spring` that are not searched; `damping_taper` is relative to the relaxation time."""
-OF_FINEST = ("drag_coefficient", "friction", "thinning", "added_mass", "contraction_time", "lengthening")
+OF_FINEST = ("drag_coefficient", "law", "friction", "thinning", "added_mass", "contraction_time", "lengthening")
 """Its water and its muscles are those of the finest body."""
 
 

@@ -1,29 +1,20 @@
 """How the shipped policies move on the environments of their ids: beat, sway, strain, stress and power of the muscles.
 
 Muscle is half of every section of the trunk, and half of the body's mass; a muscle of the model stands for a quarter of
-a section's. Of turns and starts, the sway along the path is not given. Swim is trained with other weights of its
-reward, too: what they cost in speed.
+a section's. Of turns and starts, the sway along the path is not given.
 """
-
-from dataclasses import replace
 
 import numpy as np
 
 from fish_env.bodies.mass_spring import LAYERS
 from fish_env.control import FIRST_SEED, Policy, load_policy, make_eval_env, policy_controller
 from fish_env.envs import FishVectorEnv
-from fish_env.tasks.swim import SwimTask
-from fish_env.training.build import export_policy, make_env, make_model
 from fish_env.training.config import CONFIGS
 
 FISH, SECONDS, SETTLING = 32, 3.0, 1.9  # s that are measured, after s that are not
 MUSCLE = 0.5  # part of a section, and of the body's mass
 STRAIGHT = ("swim",)  # tasks in which the path is straight
 QUANTILE = 0.99  # of strain rates
-WEIGHTS: list[dict[str, float]] = [
-    {"sway_weight": 0.0}, {"sway_weight": 0.7}, {"sway_weight": 3.0}, {"effort_weight": 0.1}, {"effort_weight": 3.0},
-]  # fmt: skip
-"""Of the reward of Swim, beside the defaults."""
 SWAY = 0.95  # part of the time that the sway is taken over, so that a single stroke does not count
 
 
@@ -102,21 +93,3 @@ def row_of(task: str, policy: Policy, **options) -> dict:
 def shipped_rows() -> list[dict]:
     """A row for each shipped policy."""
     return [{"task": task} | row_of(task, load_policy(task)) for task in CONFIGS]
-
-
-def trained(weights: dict[str, float]) -> Policy:
-    """A policy of Swim that was trained with these weights, seed 0."""
-    config = replace(CONFIGS["swim"], env_options=CONFIGS["swim"].env_options | weights)
-    env = make_env(config, config.num_envs, 0)
-    model = make_model(config, env, 0)
-    model.learn(config.timesteps)
-    policy = export_policy(model, {"env_id": config.env_id, "env_options": config.env_options})
-    env.close()
-    return policy
-
-
-def weight_rows() -> list[dict]:
-    """A row for each set of weights of the reward of Swim, the shipped policy first."""
-    default = {name: option.default for name, option in SwimTask.weights.items()}
-    policies = [({}, load_policy("swim")), *((weights, trained(weights)) for weights in WEIGHTS)]
-    return [default | weights | row_of("swim", policy, **weights) for weights, policy in policies]

@@ -1,6 +1,6 @@
 """The shipped policies and the motor controllers, made for the default fish, on every body; and how they move it.
 
-results/transfer.csv, results/learning/kinematics.csv and results/learning/weights.csv.
+results/transfer.csv and results/learning/kinematics.csv.
 """
 
 import numpy as np
@@ -45,7 +45,4 @@ def shipped_rows() -> list[dict]:
 
 
 if __name__ == "__main__":
-    publish(__doc__, {
-        "transfer.csv": shipped_rows, "learning/kinematics.csv": kinematics.shipped_rows,
-        "learning/weights.csv": kinematics.weight_rows,
-    })  # fmt: skip
+    publish(__doc__, {"transfer.csv": shipped_rows, "learning/kinematics.csv": kinematics.shipped_rows})

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.common.charts import GREY, panels, save
 from benchmarks.common.tables import RESULTS, columns, publish, read_table
-from fish_env import Fish, make_fish, prescribe
+from fish_env import Fish, make_fish, make_water, prescribe
 from fish_env.physics.world import BLASIUS
 
 DENSITY, VISCOSITY = 1000.0, 1.0e-6  # kg/m3, m2/s
@@ -30,8 +30,8 @@ def measure() -> list[dict]:
     rows = []
     for name, options in BODIES.items():
         fish = make_fish(**options)
-        rough = fish.water._replace(added_mass=None, righting=0.0)
-        smooth = rough._replace(friction=0.0)
+        smooth = fish.water._replace(friction=0.0, added_mass=None, righting=0.0)
+        rough = smooth._replace(friction=make_water(DENSITY, friction=1.0, viscosity=VISCOSITY).friction)
         for reynolds in REYNOLDS:
             speed = reynolds * VISCOSITY / fish.length
             for level, water in (("drag", smooth), ("drag, friction", rough)):
@@ -50,7 +50,7 @@ def draw() -> None:
             panel.plot(*columns(own, "reynolds", "coefficient"), "o-", label=level)
         panel.plot(REYNOLDS, BLASIUS / np.sqrt(REYNOLDS), ":", color=GREY, label="laminar flat plate")
         panel.errorbar([AT], [COEFFICIENT], [SPREAD], fmt="kD", capsize=4, label="bluegill, coasting")
-        panel.set(title=name, xscale="log", xlabel="Reynolds number", ylim=(0, 0.04))
+        panel.set(title=name, xscale="log", xlabel="Reynolds number", ylim=(0, 0.03))
     axes[0].set_ylabel("drag coefficient, wetted surface")
     axes[0].legend(frameon=False, fontsize=8)
     save(figure, RESULTS / "validation" / "coasting.svg")

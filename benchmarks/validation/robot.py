@@ -16,8 +16,8 @@ from scipy.optimize import fminbound
 
 from benchmarks.common.charts import GREY, panels, save
 from benchmarks.common.tables import RESULTS, columns, publish, read_table, select
-from benchmarks.validation.waters import COLOURS, waters
-from fish_env import Fish, World, make_fish, prescribe
+from benchmarks.validation.waters import COLOURS
+from fish_env import Fish, World, make_fish, make_water, prescribe
 from fish_env.kernels.compile import kernel
 from fish_env.kernels.simd import dot, sqrt
 from fish_env.physics.forces import FORCES, water
@@ -100,9 +100,9 @@ def fitted(fish: Fish, world: World) -> float:
 def measure() -> list[dict]:
     """A row for each level of water and trial."""
     fish, rows = make_fish("tetrahedral", level=2, length=LENGTH, outline=OUTLINE / LENGTH), []
-    for name in ("drag", "reactive"):
-        levels = waters(fish, 1.0e-6)
-        smooth, rough = levels[name], levels[f"{name}, friction"]
+    for name, inertia in (("drag", False), ("reactive", True)):
+        smooth, rough = (make_water(drag_coefficient=fish.water.quadratic / 500.0, inertia=inertia, friction=factor)
+                         for factor in (0.0, 1.0))  # fmt: skip
         coefficient = fitted(fish, rough)
         bluff = with_bluff_front(fish, rough, coefficient)
         for level, number, around in ((name, "", smooth), (f"{name}, friction", round(coefficient, 3), bluff)):

@@ -8,7 +8,6 @@ from scipy.interpolate import CubicSpline
 from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
 from benchmarks.common.tables import RESULTS, read_table
 from fish_env import Fish, World, make_water, prescribe
-from fish_env.physics.world import change_water
 
 PLACES = np.linspace(0.0, 1.0, 21)
 """Of what the tables hold along a body."""
@@ -18,18 +17,13 @@ COLOURS = {"drag": ORANGE, "drag, friction": "#E69F00", "reactive": BLUE, "react
 
 
 def waters(fish: Fish, viscosity: float) -> dict[str, World]:
-    """The levels of water at a viscosity, m2/s: drag without and with laminar friction, and the fish's own water.
-
-    Reactive water has the fish's law, and with friction the fish's own friction too.
-    """
-    own = fish.water._replace(current=np.zeros(3))
-    drag, smooth = own.quadratic / 500.0, change_water(own, friction=0.0, added_mass=(1.0, 1.0))
+    """The levels of water with the fish's own drag, with and without laminar friction, at a viscosity, m2/s."""
+    drag = fish.water.quadratic / 500.0
     return {
-        "drag": make_water(drag_coefficient=drag),
-        "drag, friction": make_water(drag_coefficient=drag, friction=1.0, viscosity=viscosity),
-        "reactive": smooth,
-        "reactive, friction": change_water(own, viscosity=viscosity, added_mass=(1.0, 1.0)),
-    }
+        name: make_water(drag_coefficient=drag, inertia="reactive" in name, friction=float("friction" in name),
+                         viscosity=viscosity)
+        for name in COLOURS
+    }  # fmt: skip
 
 
 def by_angle(angle: Callable) -> Callable:

@@ -121,6 +121,8 @@ class MassSpringParameters:
     """Drag coefficient of the fish's own water, of a face moving along its normal."""
     friction: float
     """Skin friction of that water, over that of a laminar boundary layer on a flat plate."""
+    law: str
+    """By which that water resists faces along their normals: `law` of `make_water`."""
     thinning: float
     """How much that friction grows with the flow across a face (docs/physics.md, eq. 90)."""
     added_mass: tuple[float, float] | None
@@ -336,8 +338,8 @@ def common_fields(p: MassSpringParameters) -> dict:
 
 def water_of(p: MassSpringParameters) -> World:
     """The fish's own water."""
-    inertia = {} if p.added_mass is None else {"inertia": True, "added_mass": p.added_mass, "law": "cross_flow"}
-    return make_water(WATER_DENSITY, p.drag_coefficient, friction=p.friction, thinning=p.thinning, **inertia)
+    inertia = {} if p.added_mass is None else {"inertia": True, "added_mass": p.added_mass}
+    return make_water(WATER_DENSITY, p.drag_coefficient, p.law, friction=p.friction, thinning=p.thinning, **inertia)
 
 
 def _fish(name: str, body: Body, contracted, **others) -> Fish:

@@ -11,8 +11,6 @@ from fish_env.tasks.options import Direction, Option
 from fish_env.tasks.start import POSE_OPTIONS, heading_vector, place
 
 HEADING_ERROR = Option(0.0, np.pi, "largest angle between the commanded heading and the fish's own at the start, rad")
-EFFORT_WEIGHT = rewards.EFFORT_WEIGHT._replace(default=1.0)  # with 0.1, muscles move farther than living ones
-SWAY_WEIGHT = rewards.SWAY_WEIGHT._replace(default=1.5)  # with 0.7, the head sways two thirds of the tail
 SPEED = Option(0.1, 3.0, "commanded speed, body lengths per second")
 
 
@@ -52,7 +50,7 @@ class SwimTask(CompiledTask):
     term_names = ("progress", "effort", "sway")
     episode_steps = 250
     write_vectors, write_terms = write_vectors, write_terms
-    weights = {"effort_weight": EFFORT_WEIGHT, "sway_weight": SWAY_WEIGHT}
+    weights = {"effort_weight": rewards.EFFORT_WEIGHT, "sway_weight": rewards.SWAY_WEIGHT}
     settable = ("heading_error", "speed", *weights)
 
     def __init__(self, heading_error: float = 0.5, speed: float | tuple[float, float] | None = None, **weights):

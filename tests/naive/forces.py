@@ -61,7 +61,7 @@ def face_friction(body, corners, share, world, x, v):
     coefficient = world.friction / np.sqrt(length)
     across = np.dot(velocity, area) * area / size**2
     square = velocity @ velocity
-    more = 1.0 + world.thinning * (across @ across) / square
+    more = 1.0 + world.thinning * (across @ across) / square if square else 1.0
     return coefficient * size * square**0.25 * more, velocity - across
 
 
