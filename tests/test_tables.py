@@ -349,8 +349,8 @@ def beside_living_fish():
     yield f"| {strouhal}: **missed** at two speeds of three; best gait {gait['ours']:.2f} |"
     turn = one("strength.csv", water="reactive", body="mass_spring", strength=1)
     yield f"| {turn['radius']:.2f}, {turn['rate']:.0f} |"
-    costs = (rows[1]["work"] / 0.6, rows[2]["work"] / 0.9)  # J/kg/m over a trout's, in the table of validation.md
-    yield f"| {costs[0]:.2f}, {costs[1]:.1f}; {rows[0]['lost']:.2f}, {rows[1]['lost']:.2f} |"
+    costs = (rows[1]["thrust"] / 0.6, rows[2]["thrust"] / 0.9)  # J/kg/m over a trout's, in the table of validation.md
+    yield f"| {costs[0]:.2f}, {costs[1]:.2f}: **missed**; {rows[0]['lost']:.2f}, {rows[1]['lost']:.2f} |"
     yield f"is within {100 * speed:.0f} % of its speed and {100 * sweep:.0f} % of its tail sweep"
     yield f"At best it turns by {turn['angle']:.0f} degrees in 0.3 s, with {turn['acceleration']:.0f} m/s²"
     drag = one("strength.csv", water="drag", body="mass_spring", strength=1)
