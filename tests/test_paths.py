@@ -180,7 +180,8 @@ def test_conditions(condition, path, when):
 KEYWORDS = sorted({*keywords_of(Episodes), *keywords_of(FishVectorEnv), *keywords_of(LeftAfterRightTask)})
 ANOTHER = {
     "angle": 1.5, "severity": 0.2, "part": 0.9, "dwell": 0.5, "wait": 3.0, "reversals": 2, "alignment_weight": 1.0,
-    "effort_weight": 0.7, "sway_weight": 0.9, "overshoot_weight": 3.0, "max_episode_steps": 2, "variation": {"mass": 1.3},
+    "effort_weight": 0.7, "sway_weight": 0.9, "overshoot_weight": 3.0, "max_episode_steps": 2,
+    "variation": {"mass": 1.3},
     "failure_penalty": 3.0, "info_every_step": True,
 }  # fmt: skip
 """Values of those that can be set while it runs: other than the defaults, and allowed."""

@@ -204,6 +204,21 @@ def test_a_turn_before_is_no_overshoot():
     assert (paid, found["overshoot"]) == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
+@pytest.mark.parametrize("task", ["swim", "turn", "left_after_right"])
+def test_a_swaying_head_costs(task):
+    """The weight times the nose's speed to the side of the fish, over that of its centre, and the interval."""
+    env = begun(task, 6, sway_weight=0.8)
+    tank, fish, yaw = env.tank, env.tank.fish, np.linspace(-3.0, 3.0, 6)
+    spun(env, yaw)
+    tank.velocity[:] = np.random.default_rng(3).normal(size=tank.velocity.shape)
+    env._measure()
+    apart = tank.velocity[:, fish.nose] - fish.body.mass @ tank.velocity / fish.body.mass.sum()
+    aside = apart[:, 1] * np.cos(yaw) - apart[:, 0] * np.sin(yaw)
+    wanted = -0.8 * np.abs(aside) / fish.length * env.control_interval
+    np.testing.assert_allclose(measured(env)["sway"], wanted, rtol=1e-9)
+    assert not begun(task, 6).task.sway_weight
+
+
 def test_swaying_is_no_overshoot():
     """A fish that sways about the commanded heading holds it, whatever its beat: less than 3 % of the sway is left."""
     beats, sway = np.array([3.3, 3.9, 4.6]), math.radians(8.0)
@@ -242,7 +257,11 @@ def test_fast_start_is_measured_as_it_is_defined(interval):
         change = [np.linalg.norm(speed[j + over] - speed[j]) for j in range(k, after[0.3] - over + 1)]
         found = env.episode_info(i)
         angles = np.degrees(np.sign(turn[i]) * (yaw - yaw[k]))
+        ahead = position[:, i, env.tank.fish.nose] - centre
+        snout = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
+        snouts = np.degrees(np.sign(turn[i]) * (snout - snout[k]))
         wanted = {f"angle_{1000 * t:.0f}ms": angles[after[t]] for t in (0.1, 0.2, 0.3)} | {
+            **{f"snout_{1000 * t:.0f}ms": snouts[after[t]] for t in (0.1, 0.2, 0.3)},
             "distance_200ms": np.linalg.norm(np.diff(centre[k : after[0.2] + 1], axis=0), axis=1).sum() / length,
             "speed_200ms": np.linalg.norm(speed[after[0.2]]) / length,
             "peak_acceleration": max(change) / (over * interval), "escape_distance": along[-1],

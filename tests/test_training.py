@@ -78,6 +78,19 @@ def test_exported_policy_acts_like_the_model(task, symmetric):
     place, sign, swap = reflection_of(env.unwrapped.fish)
     mirrored = policy((obs[:, place] * sign).astype(np.float32))
     assert np.allclose(mirrored, policy(obs)[:, swap], atol=2e-5) == symmetric
+
+
+def test_a_learner_without_twist():
+    """It has an action for each pair, and its policy commands the upper and the lower muscle of every pair alike."""
+    model = learner("swim", 0.1, twist=False)
+    env = model.get_env()
+    env.reset()
+    obs, *_ = env.step(np.random.default_rng(0).uniform(-1, 1, (4, 6)))
+    fish, policy = env.unwrapped.fish, export_policy(model, {})
+    wanted = np.clip(model.predict(obs, deterministic=True)[0], -1, 1)[:, fish.tank.fish.grouping("pairs")]
+    np.testing.assert_allclose(policy(obs), wanted, atol=2e-5)
+    place, sign, swap = reflection_of(fish)
+    np.testing.assert_allclose(policy((obs[:, place] * sign).astype(np.float32)), policy(obs)[:, swap], atol=2e-5)
     assert np.abs(policy(obs) - policy(obs)[:, swap]).max() > 0.05
 
 
