@@ -94,7 +94,7 @@ def change_water(water: World, **named) -> World:
     """Return water in which what is named has changed, keywords of `make_water`; everything else keeps its bits.
 
     The water is taken to have the density and the viscosity that are the defaults of `make_water`. A drag coefficient
-    goes with its law, a righting couple with inertia, unless they are named.
+    does not go from the linear law to another or back, a righting couple goes with inertia, unless they are named.
 
     Raises:
         ValueError: as `make_water`, and for added mass without inertia, or viscosity without friction.
@@ -106,9 +106,10 @@ def change_water(water: World, **named) -> World:
         "righting": water.righting / GRAVITY, "friction": water.friction / (0.5 * BLASIUS),
     }  # fmt: skip
     given = own | named
-    for name, part in (("drag_coefficient", "law"), ("righting", "inertia")):
-        if given[part] != own[part] and name not in named:
-            del given[name]
+    if "drag_coefficient" not in named and given["law"] != own["law"] and "linear" in (given["law"], own["law"]):
+        del given["drag_coefficient"]  # the linear law's is of another kind
+    if "righting" not in named and given["inertia"] != own["inertia"]:
+        del given["righting"]
     for name, part in (("added_mass", "inertia"), ("viscosity", "friction"), ("thinning", "friction")):
         if name in named and not given[part]:
             raise ValueError(f"{name} changes nothing in water without {part}; name {part} too, or leave {name} out")

@@ -34,7 +34,8 @@ def write_terms(tank, pose, task, b, terms):
         k = course.since[b] / task.interval + 0.5  # environment steps since the command
         if 0.0 <= k < task.facing.shape[1]:
             task.centre[b, INDEX(k)] = pose.centre[b]
-            task.nose[b, INDEX(k)] = tank.position[b, INDEX(tank.nose)]
+            ahead = tank.position[b, INDEX(tank.nose)] - pose.centre[b]
+            task.snout[b, INDEX(k)] = math.atan2(ahead.y, ahead.x)
             task.velocity[b, INDEX(k)] = pose.velocity[b]
             task.facing[b, INDEX(k)] = course.facing[b]
         if course.since[b] <= IN_TIME + 0.5 * task.interval:
@@ -75,11 +76,13 @@ class FastStartTask(CommandedTurns):
     def fields(self):
         """Data that the kernels read and write: after the command, the start is recorded, NaN until then."""
         b, steps = len(self._before), 1 + self.steps(START)
-        self.centre, self.velocity, self.nose = (np.zeros((b, steps, 3)) for _ in range(3))  # m, m/s, m
-        self.facing = np.zeros((b, steps))  # rad
+        self.centre, self.velocity = (np.zeros((b, steps, 3)) for _ in range(2))  # m and m/s, of the centre of mass
+        self.facing, self.snout = (np.zeros((b, steps)) for _ in range(2))  # rad, of the fish, and from there to its nose
+            np.zeros((b, steps)) for _ in range(2)
+        )  # rad, of the fish, and of its nose from there
         self.farthest = np.zeros(b)  # body lengths made good in time
-        vectors = {name: Vectors(getattr(self, name), Kind(1)) for name in ("centre", "velocity", "nose")}
-        return super().fields() | vectors | {"facing": self.facing, "farthest": self.farthest}
+        vectors = {name: Vectors(getattr(self, name), Kind(1)) for name in ("centre", "velocity")}
+        return super().fields() | vectors | {"facing": self.facing, "snout": self.snout, "farthest": self.farthest}
 
     def steps(self, seconds: float) -> int:
         """Whole environment steps nearest to a time, at least one."""
@@ -93,7 +96,7 @@ class FastStartTask(CommandedTurns):
         forward = tank.fish.line @ tank.position[i]
         tank.velocity[i] += speed * forward / np.linalg.norm(forward) * (body.inverse_mass > 0.0)
         self._heading[i] = 0.0
-        for array in (self.centre, self.velocity, self.nose, self.facing):
+        for array in (self.centre, self.velocity, self.facing, self.snout):
             array[i] = np.nan
         self.farthest[i] = 0.0
         if course.wait[i, 0] < 0.5 * self.interval:
@@ -101,7 +104,8 @@ class FastStartTask(CommandedTurns):
             course.heading[i] = rewards.wrap_angle(course.heading[i] + course.angle[i, 0])
             self._heading[i] = heading_vector(course.heading[i])
             self.centre[i, 0], self.facing[i, 0] = self._before[i], course.facing[i]
-            self.nose[i, 0] = tank.position[i, tank.fish.nose]
+            ahead = tank.position[i, tank.fish.nose] - self._before[i]
+            self.snout[i, 0] = math.atan2(ahead[1], ahead[0])
             self.velocity[i, 0] = body.mass @ tank.velocity[i] / body.mass.sum()
 
     def draw_turns(self, i, generator, options):
@@ -122,11 +126,9 @@ class FastStartTask(CommandedTurns):
         over = self.steps(OVER)
         change = np.linalg.norm(self.velocity[i, over:] - self.velocity[i, :-over], axis=1)
         side = 1.0 if course.angle[i, 0] > 0.0 else -1.0
-        ahead = self.nose[i] - self.centre[i]
-        snout = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
         angles = {
             f"{name}_{ms}ms": float(np.degrees(side * (turned[self.steps(ms / 1000)] - turned[0])))
-            for name, turned in (("angle", self.facing[i]), ("snout", snout))
+            for name, turned in (("angle", self.facing[i]), ("snout", np.unwrap(self.snout[i])))
             for ms in (100, 200, 300)
         }
         turning = super().metrics(tank, i, seconds)
