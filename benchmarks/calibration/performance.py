@@ -13,7 +13,6 @@ import numpy as np
 from benchmarks.calibration.midline import Midline, swim_midlines
 from benchmarks.common import scenes
 from benchmarks.common.motion import areas
-from benchmarks.validation.strength import contract
 from fish_env import Fish, Tank
 from fish_env.bodies import mass_spring as tu
 from fish_env.control import Gait
@@ -86,7 +85,7 @@ def perform(fish: Fish, gaits: list[Gait]) -> Performance:
     if any(each.failure for each in cruises):
         raise ArithmeticError(f"a fish failed while it cruised: {[each.failure for each in cruises]}")
     turned = scenes.turn(fish, gaits[1], count=PHASES, settling=SETTLING)
-    coasting, force = scenes.coast(fish)["drag coefficient"], contract(fish, np.inf)[0]
+    coasting, force = scenes.coast(fish)["drag coefficient"], scenes.contract(fish, np.inf)[0]
     return Performance(cruises, turned, scenes.start(fish, *STAGES), coasting, force, burst(fish), *bear(fish))
 
 

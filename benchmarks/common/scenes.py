@@ -14,6 +14,8 @@ from fish_env import Fish, Tank
 from fish_env.bodies import mass_spring as tu
 from fish_env.control import Gait
 from fish_env.control.chart import steps_of
+from fish_env.physics.world import VACUUM
+from fish_env.soft.conditions import make_anchors
 
 FREQUENCIES = (1.5, 6.0)  # Hz, of the gaits that are searched, where the frequency is free
 GUESSES, POPULATION, GENERATIONS = 768, 48, 16
@@ -22,6 +24,8 @@ PHASES = 8  # of the gait at which a manoeuvre begins; values are means over the
 PULL = 10  # control intervals that the muscles of one side pull
 SETTLING = 4.0  # s of cruising before a manoeuvre
 WITHIN = 0.015  # part by which a cruise may miss its speed
+FRONT, BASE = np.arange(5), np.arange(17, 21)  # landmarks: the nose and the first layer, the peduncle
+PULLING = 0.25  # s that the muscles of one side pull
 
 
 class Motion(NamedTuple):
@@ -238,3 +242,21 @@ def station(fish: Fish, gait: Gait | None, speed=1.0, seconds=2.0) -> dict[str, 
     away = np.linalg.norm(swum.centre[-1] - swum.centre[0], axis=1) / fish.length
     off = np.degrees(np.abs(swum.yaw[-1]))
     return {"drift": float(away.mean()), "heading": float(off.mean()), "carried": float(carried)}
+
+
+def contract(fish: Fish, dashpot: float) -> tuple[float, float]:
+    """Largest force, N, and speed, m/s, of the base of the tail fin against a dashpot, N s/m; infinite ones hold it."""
+    front, base = np.unique(fish.landmarks.node[FRONT]), np.unique(fish.landmarks.node[BASE])
+    load = make_anchors(base, fish.body.position[base], 0.0, dashpot / len(base)) if dashpot < np.inf else None
+    tank = Tank(fish, 1, water=VACUUM._replace(anchors=load), threads=1)
+    tank.fix(front)
+    if load is None:
+        tank.fix(base, axes="y")
+    most, fastest, contraction = 0.0, 0.0, (fish.sides > 0).astype(float)[None]
+    for _ in range(round(PULLING / tank.dt)):
+        tank.drive(contraction, 1)
+        if load is None:
+            most = max(most, abs(float(tank.reactions()[0, base, 1].sum())))
+        else:
+            fastest = max(fastest, abs(float(tank.velocity[0, base, 1].mean())))
+    return (most, 0.0) if load is None else (dashpot * fastest, fastest)

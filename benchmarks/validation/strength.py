@@ -8,35 +8,14 @@ dashpot, or is held in its place. There is no water. Bodies have a trout's outli
 import numpy as np
 
 from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
+from benchmarks.common.scenes import contract
 from benchmarks.common.tables import RESULTS, columns, publish, read_table
-from fish_env import Fish, Tank, make_fish
-from fish_env.physics.world import VACUUM
-from fish_env.soft.conditions import make_anchors
+from fish_env import make_fish
 
 LENGTH, MASS = 0.178, 0.0605  # m, kg
 MEASURED = {"force_n": 2.2, "speed_m_s": 1.11, "power_w": 0.64}
 BODIES: dict[str, dict] = {"mass_spring": {}, "tetrahedral": {"level": 1}}
-FRONT, BASE = np.arange(5), np.arange(17, 21)  # landmarks: the nose and the first layer, the peduncle
 DASHPOTS = (0.0, *np.geomspace(0.01, 3.0, 20), np.inf)  # N s/m
-SECONDS = 0.25
-
-
-def contract(fish: Fish, dashpot: float) -> tuple[float, float]:
-    """Largest force, N, and speed, m/s, of the base of the tail fin against a dashpot, N s/m; infinite ones hold it."""
-    front, base = np.unique(fish.landmarks.node[FRONT]), np.unique(fish.landmarks.node[BASE])
-    load = make_anchors(base, fish.body.position[base], 0.0, dashpot / len(base)) if dashpot < np.inf else None
-    tank = Tank(fish, 1, water=VACUUM._replace(anchors=load), threads=1)
-    tank.fix(front)
-    if load is None:
-        tank.fix(base, axes="y")
-    most, fastest, contraction = 0.0, 0.0, (fish.sides > 0).astype(float)[None]
-    for _ in range(round(SECONDS / tank.dt)):
-        tank.drive(contraction, 1)
-        if load is None:
-            most = max(most, abs(float(tank.reactions()[0, base, 1].sum())))
-        else:
-            fastest = max(fastest, abs(float(tank.velocity[0, base, 1].mean())))
-    return (most, 0.0) if load is None else (dashpot * fastest, fastest)
 
 
 def measure() -> list[dict]:
