@@ -139,10 +139,14 @@ def test_task_is_the_same_with_and_without_noise():
         np.testing.assert_array_equal(env.task._target, plain.task._target)
 
 
-@pytest.mark.parametrize("body", ["mass_spring", "planar"])
-def test_sensors(body):
+@pytest.mark.parametrize(
+    ("body", "law"), [("mass_spring", "quadratic"), ("mass_spring", "cross_flow"), ("planar", "quadratic")]
+)
+def test_sensors(body, law):
     """Every sensor agrees with its definition, calculated by numpy from positions and velocities."""
-    _, env = run(2, observation="sensors", body=body, variation={"drag": 1.5, "current": 0.3}, steps=0)
+    _, env = run(
+        2, observation="sensors", body=body, water={"law": law}, variation={"drag": 1.5, "current": 0.3}, steps=0
+    )
     found = shake(env)
     layout, tank, fish = env.layout, env.tank, env.tank.fish
     seen = {part.name: layout.read(found, part.name)[1].astype(float) for part in layout}
@@ -178,7 +182,8 @@ def test_sensors(body):
         normal = np.cross(r - p, s - q)
         wind = flow[face].mean(axis=0)
         out = max(0.0, wind @ normal / np.linalg.norm(normal))
-        expected = tank.variation[1, 2] * (tank.world.linear + tank.world.quadratic * np.linalg.norm(wind)) * out
+        speed = np.sqrt(out**2 + tank.world.oblique * (wind @ wind - out**2))
+        expected = tank.variation[1, 2] * (tank.world.linear + tank.world.quadratic * speed) * out
         assert pressure == pytest.approx(expected, rel=1e-5, abs=1e-9)
     assert (seen["pressure"] > 0).any() and seen["vertical"] @ seen["vertical"] == pytest.approx(1.0, abs=1e-6)
 

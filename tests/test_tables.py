@@ -357,6 +357,15 @@ def beside_living_fish():
     yield f"Its circles are {drag['radius'] / turn['radius']:.1f} times as wide"
 
 
+def kinematics():
+    """Motion of the shipped policy of Swim."""
+    row = one("learning/kinematics.csv", task="swim")
+    yield f"beats {row['beat_hz']:.1f} times a second and sweeps {row['sweep']:.2f} BL."
+    yield f"Its nose sways {row['nose_over_tail']:.2f} of the tail's way"
+    yield f"swings by {row['half_strain_percent']:.0f} % to either side, at up to {row['strain_rate']:.1f}/s"
+    yield f"under {row['stress_kpa']:.0f} kPa; living muscle"
+
+
 def trainings():
     """How long a seed takes, what robustness costs, and what the default step changes in the returns."""
     minutes = [row["training_seconds"] / 60 for row in read_table("learning/seeds.csv")]
@@ -478,7 +487,7 @@ PAGES = {
     "choosing-a-body": (bodies, fits, transfers),
     "choosing-the-water": (water_tables,),
     "nothing-fitted": (nothing_fitted,),
-    "results": (bounds, aims, trainings),
+    "results": (bounds, aims, kinematics, trainings),
     "validation": (gait,),
     "results validation": (beside_living_fish,),
     "performance": (rates, peers),

@@ -78,6 +78,7 @@ def test_exported_policy_acts_like_the_model(task, symmetric):
     place, sign, swap = reflection_of(env.unwrapped.fish)
     mirrored = policy((obs[:, place] * sign).astype(np.float32))
     assert np.allclose(mirrored, policy(obs)[:, swap], atol=2e-5) == symmetric
+    assert np.abs(policy(obs) - policy(obs)[:, swap]).max() > 0.05
 
 
 def test_a_learner_without_twist():

@@ -124,14 +124,14 @@ class MassSpringParameters:
     law: str
     """By which that water resists faces along their normals: `law` of `make_water`."""
     thinning: float
-    """How much that friction grows with the flow across a face (docs/physics.md, eq. 90)."""
+    """Growth of that friction with the flow across a face (docs/physics.md, eq. 90)."""
     added_mass: tuple[float, float] | None
     """Factors on the lateral and the vertical added mass of that water; None: it has no inertia."""
     contraction_time: float
     """Shortest time from natural length to full contraction, s. Unless it is given, it grows with the length to the
     power of 0.52."""
     lengthening: float
-    """What a muscle's rest length grows as its antagonist contracts, over what it shrinks as it contracts itself."""
+    """Growth of a muscle's rest length as its antagonist contracts, over its shrinkage as it contracts itself."""
     time_step: float
     """Step of the default integrator, s. Unless it is given, it is cut into whole parts for a fish below 0.2 m."""
     control_interval: float

@@ -13,7 +13,7 @@ from fish_env.envs.layout import DIRECTIONS, POSITION, REST_LENGTH, VELOCITY, VE
 from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import Kind, Pack, Vectors, cross, dot, fma, sqrt, vec3
 from fish_env.physics.forces.control import CURRENT, DRAG
-from fish_env.physics.forces.water import speed_of
+from fish_env.physics.forces.water import square_of
 from fish_env.physics.muscles import contraction
 from fish_env.physics.pose import FORWARD, LEFT, UP
 from fish_env.physics.records import World
@@ -34,7 +34,8 @@ def observe_nodes(env, rows, b):
         write(forward, left, up, scale * r, limits[POSITION], b, starts[POSITION] + 3 * i, out)
         write(forward, left, up, scale * tank.velocity[b, n], limits[VELOCITY], b, starts[VELOCITY] + 3 * i, out)
     for m in range(tank.muscles.size):
-        out[b, INDEX(starts[REST_LENGTH] + m)] = clip(2.0 * contraction(tank, b, m) - 1.0, limits[REST_LENGTH])
+        contracted = contraction(tank, b, INDEX(tank.first_fibre[m]))
+        out[b, INDEX(starts[REST_LENGTH] + m)] = clip(2.0 * contracted - 1.0, limits[REST_LENGTH])
     write(forward, left, up, vec3(0.0, 0.0, 1.0), limits[VERTICAL], b, starts[VERTICAL], out)
     for p in range(DIRECTIONS, starts.size):
         write(forward, left, up, env.episode.vectors[b, p - DIRECTIONS], limits[p], b, starts[p], out)
@@ -143,7 +144,7 @@ def pressure_on(tank, sensors, b, k):
     w = 0.25 * total - current
     a = cross(landmark(tank, b, r) - landmark(tank, b, p), landmark(tank, b, s) - landmark(tank, b, q))
     outward = dot(a, w) / max(sqrt(dot(a, a)), TINY)
-    speed = speed_of(sensors.oblique, outward, w)
+    speed = sqrt(square_of(sensors.oblique, outward, w))
     linear = sensors.linear / tank.length_variation[b]
     return factors[b, DRAG] * (linear + sensors.quadratic * speed) * max(outward, 0.0)
 

@@ -38,7 +38,7 @@ class ElasticObject:
     contraction_time: float = 1.0
     """Shortest time from natural length to full contraction, s."""
     lengthening: float = 0.0
-    """What a muscle's rest length grows as its antagonist contracts, over what it shrinks as it contracts itself."""
+    """Growth of a muscle's rest length as its antagonist contracts, over its shrinkage as it contracts itself."""
     fibres: np.ndarray = GIVEN_LATER
     """(K,) all springs that the muscles drive; None: one spring per muscle."""
     drives: np.ndarray = GIVEN_LATER

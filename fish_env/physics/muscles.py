@@ -13,8 +13,8 @@ from fish_env.kernels.compile import INDEX, kernel, njit
 
 
 @kernel
-def command(tank, contraction, b, duration):
-    """Set the rates of the fibres of fish b, for the part of the contraction (B,M) that they reach in `duration` s.
+def command(tank, goals, b, duration):
+    """Set the rates of the fibres of fish b, for the part of the contractions (B,M) that they reach in `duration` s.
 
     The effort is the mean square of their changes, relative to the largest possible change.
     """
@@ -22,9 +22,12 @@ def command(tank, contraction, b, duration):
     limit = duration / (tank.contraction_time * tank.muscle_variation[b, 1])
     for m in range(tank.fibres.size):
         e = INDEX(tank.fibres[m])
-        before, after = reached(tank, contraction, b, m, limit)
-        _, opposed = reached(tank, contraction, b, INDEX(tank.opposed[m]), limit)
-        shortened = strength * tank.fibre_span[m] * (after - tank.lengthening * opposed)
+        before, after = reached(tank, goals, b, m, limit)
+        shortened = after
+        if tank.lengthening > 0.0:
+            _, opposed = reached(tank, goals, b, INDEX(tank.opposed[m]), limit)
+            shortened -= tank.lengthening * opposed
+        shortened *= strength * tank.fibre_span[m]
         tank.rate[b, e] = (tank.fibre_natural[m] - shortened - tank.rest_length[b, e]) / duration
         squares += ((after - before) / limit) * ((after - before) / limit)
     effort = squares / tank.fibres.size
@@ -32,33 +35,27 @@ def command(tank, contraction, b, duration):
 
 
 @kernel
-def reached(tank, contraction, b, m, limit):
-    """Contraction of fibre m now, and after a change towards the commanded one of at most `limit`."""
-    opposed = INDEX(tank.opposed[m])
-    shortened = shortening(tank, b, m) + tank.lengthening * shortening(tank, b, opposed)
-    before = shortened / (1.0 - tank.lengthening * tank.lengthening)  # (63)
-    goal = 0.5 * (contraction[b, INDEX(tank.drives[m, 0])] + contraction[b, INDEX(tank.drives[m, 1])])
+def reached(tank, goals, b, m, limit):
+    """Contraction of fibre m now, over its strength, and after a change towards the goal of at most `limit`."""
+    before = contraction(tank, b, m) / tank.muscle_variation[b, 0]
+    goal = 0.5 * (goals[b, INDEX(tank.drives[m, 0])] + goals[b, INDEX(tank.drives[m, 1])])
     return before, min(max(goal, before - limit), before + limit)  # (14)
 
 
 @kernel
-def shortening(tank, b, m):
-    """What the rest length of fibre m is below its natural length, over what it can be."""
-    rest = tank.rest_length[b, INDEX(tank.fibres[m])]
-    return (tank.fibre_natural[m] - rest) / (tank.muscle_variation[b, 0] * tank.fibre_span[m])
-
-
-@kernel
 def contraction(tank, b, m):
-    """Contraction of muscle m of fish b: 0 relaxed, 1 full."""
-    shortened, opposed = shortening_of(tank, b, m), shortening_of(tank, b, INDEX(tank.antagonists[m]))
-    return (shortened + tank.lengthening * opposed) / (1.0 - tank.lengthening * tank.lengthening)  # (63)
+    """Contraction of fibre m of fish b: 0 relaxed, 1 full."""
+    shortened = shortening(tank, b, m)
+    if tank.lengthening > 0.0:
+        shortened += tank.lengthening * shortening(tank, b, INDEX(tank.opposed[m]))
+        shortened /= 1.0 - tank.lengthening * tank.lengthening  # (63)
+    return shortened
 
 
 @kernel
-def shortening_of(tank, b, m):
-    """What the rest length of muscle m is below its natural length, over what it can be."""
-    return (tank.natural[m] - tank.rest_length[b, INDEX(tank.muscles[m])]) / tank.span[m]
+def shortening(tank, b, m):
+    """Part of its span by which the rest length of fibre m is below its natural length."""
+    return (tank.fibre_natural[m] - tank.rest_length[b, INDEX(tank.fibres[m])]) / tank.fibre_span[m]
 
 
 def contraction_of(fish, rest_length) -> np.ndarray:
@@ -71,9 +68,9 @@ def contraction_of(fish, rest_length) -> np.ndarray:
     return (shortened + fish.lengthening * opposed) / (1.0 - fish.lengthening**2)  # (63)
 
 
-def antagonists(fish) -> np.ndarray:
-    """Muscle (M,) that lengthens as each one contracts: its mirror image."""
-    return fish.mirrored_muscles if fish.lengthening else np.arange(fish.num_muscles)
+def first_fibres(fish) -> np.ndarray:
+    """The first fibre (M,) that each muscle drives."""
+    return np.array([(fish.drives == m).any(axis=1).argmax() for m in range(fish.num_muscles)], dtype=np.int64)
 
 
 def opposed_fibres(fish) -> np.ndarray:
@@ -85,7 +82,7 @@ def opposed_fibres(fish) -> np.ndarray:
 
 
 @njit
-def command_all(tank, contraction, duration):
+def command_all(tank, goals, duration):
     """Call `command` for every fish."""
-    for b in range(contraction.shape[0]):
-        command(tank, contraction, b, duration)
+    for b in range(goals.shape[0]):
+        command(tank, goals, b, duration)

@@ -19,7 +19,7 @@ from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import Elastic, Fish
 from fish_env.physics.forces.control import NOMINAL
 from fish_env.physics.forces.evaluate import Evaluator
-from fish_env.physics.muscles import antagonists, command_all, contraction_of, opposed_fibres
+from fish_env.physics.muscles import command_all, contraction_of, first_fibres, opposed_fibres
 from fish_env.physics.records import COUNTERS, FLOWS, Body, Control, State, World
 from fish_env.physics.world import VACUUM, checked_water
 
@@ -124,7 +124,7 @@ class Tank(ReadOnly, Generic[Elastic]):
             "fibres": fibres,
             "drives": drives,
             "opposed": opposed_fibres(fish),
-            "antagonists": antagonists(fish),
+            "first_fibre": first_fibres(fish),
             "spring_nodes": springs.nodes,
         }
         own = {key: frozen(np.array(each)) if isinstance(each, np.ndarray) else each for key, each in fields.items()}

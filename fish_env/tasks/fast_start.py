@@ -77,9 +77,8 @@ class FastStartTask(CommandedTurns):
         """Data that the kernels read and write: after the command, the start is recorded, NaN until then."""
         b, steps = len(self._before), 1 + self.steps(START)
         self.centre, self.velocity = (np.zeros((b, steps, 3)) for _ in range(2))  # m and m/s, of the centre of mass
-        self.facing, self.snout = (
-            np.zeros((b, steps)) for _ in range(2)
-        )  # rad, of the fish, and from there to its nose
+        self.facing = np.zeros((b, steps))  # rad
+        self.snout = np.zeros((b, steps))  # rad, of the way from the centre of mass to the nose
         self.farthest = np.zeros(b)  # body lengths made good in time
         vectors = {name: Vectors(getattr(self, name), Kind(1)) for name in ("centre", "velocity")}
         return super().fields() | vectors | {"facing": self.facing, "snout": self.snout, "farthest": self.farthest}

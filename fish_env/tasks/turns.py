@@ -166,14 +166,15 @@ def write_vectors(tank, pose, task, b, out):
 
 @kernel
 def write_terms(tank, pose, task, b, terms):
-    """Write progress along the commanded heading, alignment, effort, sway and overshoot; advance the course."""
+    """Write progress along the commanded heading, alignment, effort, overshoot and sway; advance the course."""
     heading = task.heading[b]
     terms[0, b] = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
     terms[1, b] = rewards.alignment(pose, heading, b) * (task.alignment_weight * task.interval)  # (40)
     terms[2, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (20)
     if task.overshoots:
-        terms[3, b] = rewards.sway(tank, pose, task.sway_weight, task.interval, b)  # (94)
-        terms[4, b] = overshoot_angle(task, b) * (-2.0 / math.pi * task.overshoot_weight * task.interval)  # (45)
+        terms[3, b] = overshoot_angle(task, b) * (-2.0 / math.pi * task.overshoot_weight * task.interval)  # (45)
+    if task.sways:
+        terms[4, b] = rewards.sway(tank, pose, task.sway_weight, task.interval, b)  # (94)
     measure_strain(tank, task.strain, b)
     track_commands(pose, task, b)
     task.before[b] = pose.centre[b]
@@ -194,7 +195,7 @@ class CommandedTurns(CompiledTask, ABC):
         "sway_weight": rewards.SWAY_WEIGHT,
         "overshoot_weight": OVERSHOOT_WEIGHT,
     }
-    term_names = ("progress", "alignment", "effort", "sway", "overshoot")
+    term_names = ("progress", "alignment", "effort", "overshoot", "sway")
     episode_steps = 250
     directions = (Direction("commanded heading", "in the body frame", 1.0, 0.3),)
     write_vectors, write_terms = write_vectors, write_terms
@@ -224,6 +225,7 @@ class CommandedTurns(CompiledTask, ABC):
             "beat": float(self.beat),
             "over": np.zeros(len(self._before), dtype=bool),
             "overshoots": "overshoot" in self.term_names,
+            "sways": "sway" in self.term_names,
             "sway_weight": 0.0,
             "overshoot_weight": 0.0,
             **self.weight_values(),

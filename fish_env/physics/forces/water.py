@@ -131,23 +131,28 @@ def push_on(body, linear, quadratic, oblique, current, x, v, k):
     size = sqrt(dot(a, a))
     n, area = (1.0 / size) * a, body.faces.drag[k] * size
     outward = dot(n, w)
-    speed = speed_of(oblique, outward, w)
+    speed = sqrt(square_of(oblique, outward, w))
     return n, w, size, select(outward > 0.0, -(fma(quadratic, speed, linear) * outward * area), 0.0)  # (12), (13)
 
 
 @kernel
-def speed_of(oblique, outward, w):
-    """Speed of a face in the quadratic law."""
-    across = outward * outward
-    return sqrt(fma(oblique, dot(w, w) - across, across))
+def square_of(oblique, outward, w):
+    """Square of the speed of a face in the quadratic law."""
+    square, across = dot(w, w), outward * outward
+    if oblique < 1.0:
+        square = fma(oblique, square - across, across)
+    return square
 
 
 @kernel
 def resistance(world, friction, n, w, size):
     """Friction on a face over its velocity along itself."""
-    outward, square = dot(n, w), dot(w, w)
-    more = fma(world.thinning * outward, outward, square) / square
-    return select(square > 0.0, friction * size * sqrt(sqrt(square)) * more, 0.0)  # (90)
+    square = dot(w, w)
+    rough = friction * size * sqrt(sqrt(square))
+    if world.thinning > 0.0:
+        outward = dot(n, w)
+        rough = rough * (fma(world.thinning * outward, outward, square) / square)
+    return select(square > 0.0, rough, 0.0)  # (90)
 
 
 @kernel
@@ -215,9 +220,10 @@ def add_change(body, world, control, x, v, f, cache):
     for k in range(cache.size.size):
         n, size, push, w = cache.normal[k], cache.size[k], cache.push[k], velocity(body, current, v, k)
         area, outward = body.faces.drag[k] * size, dot(n, w)
-        speed = speed_of(world.oblique, outward, w)
+        square = square_of(world.oblique, outward, w)
+        speed = sqrt(square)
         change = -(fma(quadratic, speed, linear) * outward * area) - push
-        slope = fma(quadratic, fma(outward, outward, speed * speed), linear * speed)  # times the speed
+        slope = fma(quadratic, fma(outward, outward, square), linear * speed)  # times the speed
         slowed = (part * cache.mobility[k]) * area * slope
         weighed = fma(control.lightness[0] * cache.carried[k] * speed, speed / fma(0.5, slowed, speed), speed)
         ahead = change * (weighed / (slowed + weighed))  # (38)
@@ -256,7 +262,7 @@ def add_damping(body, world, control, x, v, a, cache):
     for k in range(nodes.shape[0]):
         n, w, size, _ = push_on(body, linear, quadratic, world.oblique, current, x, v, k)
         area, outward = body.faces.drag[k] * size, dot(n, w)
-        speed = speed_of(world.oblique, outward, w)
+        speed = sqrt(square_of(world.oblique, outward, w))
         slope = fma(quadratic, fma(outward, outward, speed * speed), linear * speed) / speed
         drag = select(outward > 0.0, h * area * slope, 0.0)  # (27)
         rough, none = h * resistance(world, friction, n, w, size), zero(control.drag)
