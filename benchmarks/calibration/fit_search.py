@@ -22,9 +22,9 @@ from fish_env.bodies.fitted import read_calibration
 from fish_env.control import Gait
 from fish_env.control.chart import DISTURBANCE, steps_of
 
-STAGED = 31.5
-"""(h w)^2 + 2 h d that is free, of the highest frequency w and damping rate d at the body's own step h: four stages of
-the default method. Faster motion does not move a fish, and every method pays for it."""
+STAGED = 18.2
+"""(h w)^2 + 2 h d that is free, of the highest frequency w and damping rate d at the body's own step h: three stages
+of the default method. Faster motion does not move a fish, and every method pays for it."""
 PREDICTABLE = 50.0
 """Times that the abrupt manoeuvre may magnify a disturbance: a fish that buckles does so a millionfold, and nobody can
 say where it ends (the finest body: 5 times)."""
@@ -42,7 +42,7 @@ LIVING, FAST, MAGNIFIED, INACCURATE, BUCKLING, ROLLING, NEAR = 1.0, 8.0, 1.5, 3.
 REPEATED, DEAD = 5.0, 10.0
 """Weights: of living fish, of a high frequency and damping rate, of magnification, of the error of the default step, of
 sections that are nearly inverted, of roll, of how far the search has gone, and of what restless fish do."""
-FIXED = {"relaxation_time": 0.001, "outline": "trout", "time_step": 0.02 / 12}
+FIXED = {"relaxation_time": 0.001, "outline": "trout", "time_step": 0.02 / 16}
 """Parameters of `mass_spring` that are not searched; `damping_taper` is relative to the relaxation time."""
 OF_FINEST = ("drag_coefficient", "law", "friction", "thinning", "added_mass", "contraction_time", "lengthening")
 """Its water and its muscles are those of the finest body."""

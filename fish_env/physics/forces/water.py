@@ -147,11 +147,9 @@ def square_of(oblique, outward, w):
 @kernel
 def resistance(world, friction, n, w, size):
     """Friction on a face over its velocity along itself."""
-    square = dot(w, w)
-    rough = friction * size * sqrt(sqrt(square))
-    if world.thinning > 0.0:
-        outward = dot(n, w)
-        rough = rough * (fma(world.thinning * outward, outward, square) / square)
+    square, outward = dot(w, w), dot(n, w)
+    speed = sqrt(square)
+    rough = friction * size * fma(world.thinning * outward, outward, square) / (speed * sqrt(speed))
     return select(square > 0.0, rough, 0.0)  # (90)
 
 
