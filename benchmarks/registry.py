@@ -180,6 +180,10 @@ REGISTRY = {result.name: result for result in (
         35, "learning/sensing.csv", "learning/held_out.csv", "docs/images/held_out.svg", follows=TRAINED,
     ),
     published(
+        "learning.weights", "Swim with other prices of effort and of a swaying head; trains 8 policies",
+        12, "learning/weights.csv", follows=(*DEFAULT, "task swim"),
+    ),
+    published(
         "learning.bound", "what optimal control reaches in turns, fast starts and swimming, beside shipped policies",
         40, "learning/bound.csv", follows=TRAINED,
     ),

@@ -273,8 +273,7 @@ def test_arguments(task):
     wanted |= {"task": task, "max_episode_steps": gym.spec(env_id(task)).max_episode_steps}
     if task != "swim":
         assert "Those of [Swim](swim.md#arguments) without `heading_error` and `speed`, and:" in page(task)
-        assert TASKS[task].weights["effort_weight"] == TASKS["swim"].weights["effort_weight"]
-        wanted = {name: wanted[name] for name in own if name not in SHARED_WEIGHTS}
+        wanted = {name: wanted[name] for name in own if name != "failure_penalty"}
     assert set(stated) == set(wanted)
     for name, default in wanted.items():
         assert eval(stated[name][0], {"np": np}) == getattr(default, "value", default), name

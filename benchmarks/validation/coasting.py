@@ -8,7 +8,8 @@ import numpy as np
 
 from benchmarks.common.charts import GREY, panels, save
 from benchmarks.common.tables import RESULTS, columns, publish, read_table
-from fish_env import Fish, make_fish, make_water, prescribe
+from benchmarks.validation.waters import waters
+from fish_env import Fish, make_fish, prescribe
 from fish_env.physics.world import BLASIUS
 
 DENSITY, VISCOSITY = 1000.0, 1.0e-6  # kg/m3, m2/s
@@ -30,12 +31,11 @@ def measure() -> list[dict]:
     rows = []
     for name, options in BODIES.items():
         fish = make_fish(**options)
-        smooth = fish.water._replace(friction=0.0, added_mass=None, righting=0.0)
-        rough = smooth._replace(friction=make_water(DENSITY, friction=1.0, viscosity=VISCOSITY).friction)
+        levels = waters(fish, VISCOSITY)
         for reynolds in REYNOLDS:
             speed = reynolds * VISCOSITY / fish.length
-            for level, water in (("drag", smooth), ("drag, friction", rough)):
-                pull = -prescribe(fish, np.zeros((1, 4)), 1.0, water=water, speed=speed).force[0, 0]
+            for level in ("drag", "drag, friction"):
+                pull = -prescribe(fish, np.zeros((1, 4)), 1.0, water=levels[level], speed=speed).force[0, 0]
                 coefficient = pull / (0.5 * DENSITY * speed**2 * surface(fish))
                 rows.append({"fish": name, "water": level, "reynolds": reynolds, "coefficient": round(coefficient, 5)})
     return rows

@@ -16,14 +16,14 @@ from scipy.optimize import fminbound
 
 from benchmarks.common.charts import GREY, panels, save
 from benchmarks.common.tables import RESULTS, columns, publish, read_table, select
-from benchmarks.validation.waters import COLOURS
-from fish_env import Fish, World, make_fish, make_water, prescribe
+from benchmarks.validation.waters import COLOURS, waters
+from fish_env import Fish, World, make_fish, prescribe
 from fish_env.kernels.compile import kernel
 from fish_env.kernels.simd import dot, sqrt
 from fish_env.physics.forces import FORCES, water
 from fish_env.physics.records import Body
 
-LENGTH = 0.559  # m
+LENGTH, VISCOSITY = 0.559, 1.0e-6  # m, m2/s
 FREQUENCY = (0.377, 0.56, 0.75, 0.94, 1.127, 1.313, 1.5, 1.659)  # Hz
 SPEED = (0.0227, 0.0496, 0.0805, 0.1039, 0.1292, 0.1602, 0.2018, 0.2227)  # m/s
 SWAY = (0.1006, 0.104, 0.1104, 0.1057, 0.0996, 0.1051, 0.1025, 0.0983)  # m, half of the fin marker's
@@ -100,9 +100,9 @@ def fitted(fish: Fish, world: World) -> float:
 def measure() -> list[dict]:
     """A row for each level of water and trial."""
     fish, rows = make_fish("tetrahedral", level=2, length=LENGTH, outline=OUTLINE / LENGTH), []
-    for name, inertia in (("drag", False), ("reactive", True)):
-        smooth, rough = (make_water(drag_coefficient=fish.water.quadratic / 500.0, inertia=inertia, friction=factor)
-                         for factor in (0.0, 1.0))  # fmt: skip
+    levels = waters(fish, VISCOSITY)
+    for name in ("drag", "reactive"):
+        smooth, rough = levels[name], levels[f"{name}, friction"]
         coefficient = fitted(fish, rough)
         bluff = with_bluff_front(fish, rough, coefficient)
         for level, number, around in ((name, "", smooth), (f"{name}, friction", round(coefficient, 3), bluff)):

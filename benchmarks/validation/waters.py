@@ -7,7 +7,8 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
 from benchmarks.common.tables import RESULTS, read_table
-from fish_env import Fish, World, make_water, prescribe
+from fish_env import Fish, World, prescribe
+from fish_env.physics.world import change_water
 
 PLACES = np.linspace(0.0, 1.0, 21)
 """Of what the tables hold along a body."""
@@ -17,11 +18,10 @@ COLOURS = {"drag": ORANGE, "drag, friction": "#E69F00", "reactive": BLUE, "react
 
 
 def waters(fish: Fish, viscosity: float) -> dict[str, World]:
-    """The levels of water with the fish's own drag, with and without laminar friction, at a viscosity, m2/s."""
-    drag = fish.water.quadratic / 500.0
+    """The fish's own water with and without its inertia and its friction, at a viscosity, m2/s."""
     return {
-        name: make_water(drag_coefficient=drag, inertia="reactive" in name, friction=float("friction" in name),
-                         viscosity=viscosity)
+        name: change_water(fish.water, inertia="reactive" in name,
+                           **({"viscosity": viscosity} if "friction" in name else {"friction": 0.0}))
         for name in COLOURS
     }  # fmt: skip
 

@@ -50,7 +50,10 @@ class SwimTask(CompiledTask):
     term_names = ("progress", "effort", "sway")
     episode_steps = 250
     write_vectors, write_terms = write_vectors, write_terms
-    weights = {"effort_weight": rewards.EFFORT_WEIGHT, "sway_weight": rewards.SWAY_WEIGHT}
+    weights = {  # without them, the fastest gaits strain muscles and sway heads as no living fish does
+        "effort_weight": rewards.EFFORT_WEIGHT._replace(default=1.0),
+        "sway_weight": rewards.SWAY_WEIGHT._replace(default=1.5),
+    }
     settable = ("heading_error", "speed", *weights)
 
     def __init__(self, heading_error: float = 0.5, speed: float | tuple[float, float] | None = None, **weights):

@@ -88,24 +88,18 @@ MAX_LAYERS = 100
 SAMPLE, WEIGHT = 1024, 64  # bytes, about: a step of a fish in the buffer; a weight with what Adam keeps of it
 
 
-def slower(seconds: float) -> dict[str, Any]:
-    """Keywords for steps twice as long, in episodes of so many seconds: noise that lasts longer explores more."""
-    return {"control_interval": 0.04, "max_episode_steps": round(seconds / 0.04)}
-
-
-TURNING = {**slower(5.0), "muscle_groups": "pairs"}
-"""Upper and lower muscles pull together: with single ones the fish learn to lie on their side, where no beat of the
-tail turns them off the heading."""
-DENSER = {**slower(3.0), "wait": (0.3, 1.0)}
+DENSER = {"max_episode_steps": 150, "wait": (0.3, 1.0)}
 """Sooner turns in shorter episodes: more turns in every second."""
+TURNS = {"training_options": DENSER, "horizon": 2.0, "twist": False}
+"""Muscles that may twist the fish let it learn to lie on its side, where no beat of the tail turns it."""
 
 CONFIGS: dict[str, TrainConfig] = {
     "swim": TrainConfig("FishEnv/Swim-v0", hidden=(32, 32)),
-    "turn": TrainConfig("FishEnv/Turn-v0", TURNING, DENSER, timesteps=4_000_000, horizon=2.0),
-    "left_after_right": TrainConfig("FishEnv/LeftAfterRight-v0", TURNING, DENSER, timesteps=6_000_000, horizon=2.0),
+    "turn": TrainConfig("FishEnv/Turn-v0", timesteps=4_000_000, **TURNS),
+    "left_after_right": TrainConfig("FishEnv/LeftAfterRight-v0", timesteps=6_000_000, **TURNS),
     "target": TrainConfig("FishEnv/Target-v0", {}, {"patience": 3.0}, timesteps=6_000_000),
     "target_3d": TrainConfig("FishEnv/Target3D-v0", {}, {"patience": 3.0}, timesteps=8_000_000),
-    "avoid": TrainConfig("FishEnv/Avoid-v0", slower(6.0), timesteps=3_500_000),
+    "avoid": TrainConfig("FishEnv/Avoid-v0", timesteps=3_500_000),
     "fast_start": TrainConfig("FishEnv/FastStart-v0", timesteps=6_000_000, horizon=2.0),
 }
 """A task of the package, or one of its forms, by its name in the command line."""
