@@ -107,10 +107,15 @@ def test_links_lead_somewhere(path):
 
 
 def anchors(text):
-    """The names that the headings of a page have as the end of a link."""
-    return {
-        re.sub(r"[^\w\s-]", "", line).strip().lower().replace(" ", "-") for line in re.findall(r"^#+ (.*)$", text, re.M)
-    }
+    """The names that the headings and the equations of a page have as the end of a link."""
+    headings = re.findall(r"^#+ (.*)$", text, re.M)
+    names = {re.sub(r"[^\w\s-]", "", line).strip().lower().replace(" ", "-") for line in headings}
+    return names | {f"eq-{number}" for number in equations(text)}
+
+
+def equations(text):
+    """The numbers of the equations of a page, in their order."""
+    return [int(tag) for tag in re.findall(r"\\tag\{(\d+)\}", text)]
 
 
 def test_design_names_what_exists():
