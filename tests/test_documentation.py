@@ -141,8 +141,8 @@ def test_equations():
 
 
 def test_methods_table():
-    """The table of methods in physics.md is that of INTEGRATORS."""
-    stated = rows("physics.md", "Methods")
+    """The table of methods is that of INTEGRATORS."""
+    stated = rows("api/integrators.md", "Methods")
     for record in fish_env.INTEGRATORS.values():
         cost = f"{record.forces}, {record.factorisations}, {record.solves}" if record.forces else "counted as they come"
         assert [f"`{record.name}`", str(record.order), record.kind, cost] in stated
