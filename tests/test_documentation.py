@@ -36,6 +36,7 @@ from fish_env.tasks.options import keywords_of
 
 FORMS = [*((task, {}) for task in TASKS), ("swim", {"speed": 1.0}), ("target", {"dimensions": 3})]
 FIRST = 153  # elements of the observation before the task's own, for which all pages refer to swim.md
+NUMBERED = ("physics.md", "physics-more.md")  # pages whose equations have numbers, in the order of these
 SHARED_WEIGHTS = {"effort_weight", "failure_penalty"}  # of the reward of every task, on swim.md too
 
 every_task = pytest.mark.parametrize("task", TASKS)
@@ -107,10 +108,15 @@ def test_links_lead_somewhere(path):
 
 
 def anchors(text):
-    """The names that the headings of a page have as the end of a link."""
-    return {
-        re.sub(r"[^\w\s-]", "", line).strip().lower().replace(" ", "-") for line in re.findall(r"^#+ (.*)$", text, re.M)
-    }
+    """The names that the headings and the equations of a page have as the end of a link."""
+    headings = re.findall(r"^#+ (.*)$", text, re.M)
+    names = {re.sub(r"[^\w\s-]", "", line).strip().lower().replace(" ", "-") for line in headings}
+    return names | {f"eq-{number}" for number in equations(text)}
+
+
+def equations(text):
+    """The numbers of the equations of a page, in their order."""
+    return [int(tag) for tag in re.findall(r"\\tag\{(\d+)\}", text)]
 
 
 def test_design_names_what_exists():
@@ -126,18 +132,41 @@ def test_design_names_what_exists():
 
 
 def test_equations():
-    """physics.md numbers its equations from 1 on, without gaps, each once, and the code refers to no other."""
-    tags = [int(tag) for tag in re.findall(r"\\tag\{(\d+)\}", (ROOT / "docs/physics.md").read_text())]
-    assert sorted(tags) == list(range(1, len(tags) + 1))
-    for folder in ("fish_env", "agents", "benchmarks"):
+    """Equations count from 1 on through both pages; the code cites only these, and names the page that has them."""
+    tags = {name: equations(page(name)) for name in NUMBERED}
+    everywhere, cited = [tag for name in NUMBERED for tag in tags[name]], set()
+    assert everywhere == list(range(1, len(everywhere) + 1))
+    for folder in ("fish_env", "agents", "benchmarks", "tests"):
         for path in (ROOT / folder).rglob("*.py"):
-            for comment in re.findall(r"  # ((?:\(\d+\)(?:, )?)+)", path.read_text()):
-                assert set(map(int, re.findall(r"\d+", comment))) <= set(tags), f"{path}: {comment}"
+            text = path.read_text()
+            found = [(comment, everywhere) for comment in re.findall(r"  # ((?:\(\d+\)(?:, )?)+)$", text, re.MULTILINE)]
+            named = re.findall(r"docs/(physics[\w-]*\.md), eq\. ([\d-]+)", text)
+            for citation, allowed in [*found, *((several, tags[name]) for name, several in named)]:
+                numbers = set(map(int, re.findall(r"\d+", citation)))
+                assert numbers <= set(allowed), f"{path}: {citation}"
+                cited |= numbers
+    assert len(cited) > 0.8 * len(everywhere)
+
+
+def test_pages_cite_equations():
+    """Pages cite equations of other pages by links to their anchors, and only those of their own without a link."""
+    linked = 0
+    for path in PAGES:
+        text = path.read_text()
+        prose = re.sub(r"\$`.*?`\$", "", FENCE.sub("", text))
+        for number, link in re.findall(r"\[(?:eq\. |\()(\d+)\)?\]\(([^)]*)\)", prose):
+            assert link.endswith(f"#eq-{number}"), f"{path}: {number} leads to {link}"
+            linked += 1
+        plain = re.sub(r"\[[^\]]*\]\([^)]*\)", "", prose)
+        assert not re.search(r"\b[Ee]qs?\. \(?\d", plain), path
+        if path.name in NUMBERED:
+            assert set(map(int, re.findall(r"(?<!\w)\((\d{1,3})\)", plain))) <= set(equations(text)), path
+    assert linked > 20
 
 
 def test_methods_table():
-    """The table of methods in physics.md is that of INTEGRATORS."""
-    stated = rows("physics.md", "Methods")
+    """The table of methods is that of INTEGRATORS."""
+    stated = rows("api/integrators.md", "Methods")
     for record in fish_env.INTEGRATORS.values():
         cost = f"{record.forces}, {record.factorisations}, {record.solves}" if record.forces else "counted as they come"
         assert [f"`{record.name}`", str(record.order), record.kind, cost] in stated
@@ -236,7 +265,7 @@ FACTS = [
     *((name, r"(\d+) % (?:of|was)", 100 * turns.COMPLETE) for name in ("turn", "left_after_right")),
     ("turn", r"averaged twice over ([\d.]+) s", turns.MEAN_TIME),
     ("turn", r"(\d+) degrees \|", np.degrees(turns.SETTLED)),
-    ("physics.md", r"mean heading over the last ([\d.]+) s", turns.MEAN_TIME),
+    ("physics-more.md", r"mean heading over the last ([\d.]+) s", turns.MEAN_TIME),
     ("left_after_right", r"at the latest after (\d+) s", turns.PATIENCE),
     ("target", r"(\d+) targets are drawn", target.DRAWN),
     ("avoid", r"a fish at (\d+) body lengths per second", avoid.CRUISE),

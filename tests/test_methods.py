@@ -251,7 +251,7 @@ def test_filter(stages):
     t = np.cosh(np.arange(stages + 1) * np.arccosh(midpoint))
     z = np.linspace(1e-6, reach, 2000)
     a, before = first / midpoint * np.ones_like(z), np.zeros_like(z)
-    for s in range(1, stages):  # (37)
+    for s in range(1, stages):  # (23)
         pull = 2.0 * (first + midpoint * a) - factor * z * a
         a, before = (t[s] * pull - t[s - 1] * before) / t[s + 1], a
     assert abs(a[0] - 1.0) < 1e-5
@@ -272,7 +272,7 @@ def test_polynomials_of_a_plan():
 
 
 def documented(stages):
-    """Midpoint, first factor, factor on stiffness and reach, by the formulas below equation (37) of docs/physics.md."""
+    """Midpoint, first factor, factor on stiffness and reach, by the formulas below docs/physics.md, eq. 23."""
     polynomial = Chebyshev.basis(stages)
     midpoint = 1.0 + 3.5 / stages**2
     highest = 0.8 * 4.0 / (1.0 + 1.0 / polynomial(midpoint))

@@ -69,6 +69,11 @@ def on_config(config):
     return config
 
 
+def on_page_content(html: str, page, config, files: Files) -> None:
+    """Let MkDocs check links to the anchors of equations: it does not find them itself."""
+    page.present_anchor_ids |= set(re.findall(r'id="(eq-\d+)"', html))
+
+
 def on_files(files: Files, config) -> Files:
     """Ship the font."""
     package = importlib.util.find_spec("ziamath").submodule_search_locations[0]

@@ -124,7 +124,7 @@ class MassSpringParameters:
     law: str
     """By which that water resists faces along their normals: `law` of `make_water`."""
     thinning: float
-    """Growth of that friction with the flow across a face (docs/physics.md, eq. 90)."""
+    """Growth of that friction with the flow across a face (docs/physics.md, eq. 13)."""
     added_mass: tuple[float, float] | None
     """Factors on the lateral and the vertical added mass of that water; None: it has no inertia."""
     contraction_time: float
@@ -310,7 +310,7 @@ def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=
 
     Dimensions and contracted length were never printed; these are a re-implementation's
     (vanish87/UnityFishSimulation, 2020), as is `contraction_time`, its fastest half beat. The water is linear, as the
-    published one, and thick enough to survive hard jerks at half the published step of 0.055. See docs/physics.md.
+    published one, and thick enough to survive hard jerks at half the published step of 0.055. See docs/physics-more.md.
     """
     half = (2, 3, 2, 1, 0.8)
     position = place_nodes((5, 10, 15, 20, 22), half, half, 26, 3)

@@ -1,7 +1,7 @@
 """Sizes: a fish of another length than 0.2 m has the same tissue, and slower or faster muscles.
 
 Density, Young's modulus, contracted lengths and relaxation times are the same at every length L. So the stiffness of a
-spring grows as L, while masses grow as L^3 and its natural frequencies fall as 1/L (docs/physics.md, eq. 73).
+spring grows as L, while masses grow as L^3 and its natural frequencies fall as 1/L (docs/physics-more.md, eq. 73).
 """
 
 import math

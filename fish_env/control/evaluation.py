@@ -150,7 +150,7 @@ def _final_contraction(env: FishVectorEnv) -> np.ndarray:
         for ago in range(delay.max(), 0, -1):
             sent = past[fish, (env._elapsed - ago) % past.shape[1]][:, env.groups]
             goal = np.where(env._elapsed[:, None] >= ago, 0.5 * (sent + 1.0), 0.0)
-            found += np.where(delay >= ago, np.clip(goal - found, -fastest, fastest), 0.0)  # (14)
+            found += np.where(delay >= ago, np.clip(goal - found, -fastest, fastest), 0.0)  # (1)
     return found
 
 

@@ -15,7 +15,7 @@ GAIT_FILE = data("fish_env.control", "gait.json")
 
 @dataclass(frozen=True)
 class Gait:
-    """Sinusoidal contraction of each muscle segment, left and right exactly out of phase (docs/physics.md, eq. 17).
+    """Sinusoidal contraction of each muscle segment, left and right in antiphase (docs/physics-more.md, eq. 44).
 
     A segment's amplitude and the common frequency correspond to Tu's r and s; the phase is the segment's lag.
     """
@@ -39,7 +39,7 @@ class Gait:
         """Contraction of each muscle at `time` (...,) s: (..., M) in [0, 1]."""
         amplitude, lag = np.array(self.amplitude)[fish.segments], np.array(self.lag)[fish.segments]
         angle = 2 * np.pi * self.frequency * np.asarray(time)[..., None] - lag
-        return 0.5 * amplitude * (1.0 + fish.sides * np.sin(angle))  # (17)
+        return 0.5 * amplitude * (1.0 + fish.sides * np.sin(angle))  # (44)
 
     def action(self, fish: Fish, time) -> np.ndarray:
         """The same as an action, (..., M) in [-1, 1]; `time` (...,) s."""

@@ -11,7 +11,7 @@ FINE = 4000  # intervals of the integrals along the body
 
 @representable("a section")
 def make_sections(position, mass, groups, edges, outline, flat=False, fin=1) -> Sections:
-    """Sections along which the inertia of the water acts (docs/physics.md, eq. 75-82).
+    """Sections along which the inertia of the water acts (docs/physics.md, eq. 14-20).
 
     Args:
         position: (N,3) m, the head forward of the tail.
@@ -84,5 +84,5 @@ def check_outward(position, corners) -> None:
     if not edges or any((b, a) not in edges for a, b in edges):
         return  # an open surface has no inside
     p, q, r, s = (position[corners] - position[corners[0, 0]]).swapaxes(0, 1)
-    if np.einsum("fk,fk->", p + q + r + s, np.cross(r - p, s - q)) <= 0.0:  # (52)
+    if np.einsum("fk,fk->", p + q + r + s, np.cross(r - p, s - q)) <= 0.0:  # (76)
         raise ValueError("the faces enclose a negative volume; give their nodes counter-clockwise seen from outside")

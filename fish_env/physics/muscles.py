@@ -39,7 +39,7 @@ def reached(tank, goals, b, m, limit):
     """Contraction of fibre m now, over its strength, and after a change towards the goal of at most `limit`."""
     before = contraction(tank, b, m) / tank.muscle_variation[b, 0]
     goal = 0.5 * (goals[b, INDEX(tank.drives[m, 0])] + goals[b, INDEX(tank.drives[m, 1])])
-    return before, min(max(goal, before - limit), before + limit)  # (14)
+    return before, min(max(goal, before - limit), before + limit)  # (1)
 
 
 @kernel
@@ -48,7 +48,7 @@ def contraction(tank, b, m):
     shortened = shortening(tank, b, m)
     if tank.lengthening > 0.0:
         shortened += tank.lengthening * shortening(tank, b, INDEX(tank.opposed[m]))
-        shortened /= 1.0 - tank.lengthening * tank.lengthening  # (63)
+        shortened /= 1.0 - tank.lengthening * tank.lengthening  # (2)
     return shortened
 
 
@@ -65,7 +65,7 @@ def contraction_of(fish, rest_length) -> np.ndarray:
     if not fish.lengthening:
         return shortened
     opposed = shortened[..., fish.mirrored_muscles]
-    return (shortened + fish.lengthening * opposed) / (1.0 - fish.lengthening**2)  # (63)
+    return (shortened + fish.lengthening * opposed) / (1.0 - fish.lengthening**2)  # (2)
 
 
 def first_fibres(fish) -> np.ndarray:

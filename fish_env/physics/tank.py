@@ -186,7 +186,7 @@ class Tank(ReadOnly, Generic[Elastic]):
 
     @property
     def work(self) -> np.ndarray:
-        """Work that the muscles of each fish have done on it since its reset, (B,) J: live (docs/physics.md, eq. 41).
+        """Work of the muscles of each fish on it since its reset, (B,) J: live (docs/physics-more.md, eq. 55).
 
         It is integrated at every step of dt. It counts the motion of rest lengths that commands set, not those that a
         program writes into `rest_length`.
@@ -195,7 +195,7 @@ class Tank(ReadOnly, Generic[Elastic]):
 
     @property
     def flows(self) -> dict[str, np.ndarray]:
-        """Energy flows of each fish since its reset (docs/physics.md, eq. 85-88), live arrays (B,) J by name.
+        """Energy flows of each fish since its reset (docs/physics-more.md, eq. 57-60), live arrays (B,) J by name.
 
         "positive_work" is the part of `work` of the fibres that do positive work, "damping" is lost in springs and
         tetrahedra, "water" to the water, and "thrust" is the useful part of the work on the water. A tank without
@@ -236,7 +236,7 @@ class Tank(ReadOnly, Generic[Elastic]):
             strength: factor on how far its muscles contract, 0.01 to 1.5.
             contraction_time: factor on the time that a contraction takes, 0.01 to 100.
             length: factor on its length, 0.01 to 100, at the same tissue and times. All else counts in its own lengths,
-                so that its metres are those of the tank's fish (docs/physics.md, eq. 93).
+                so that its metres are those of the tank's fish (docs/physics-more.md, eq. 75).
 
         Raises:
             ValueError: for a missing fish, a factor out of range or too large for the default method at any step, or a

@@ -22,23 +22,23 @@ def make_water(
     density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0), inertia=False,
     added_mass=(1.0, 1.0), righting=None, friction=0.0, thinning=0.0, viscosity=1.0e-6,
 ) -> World:  # fmt: skip
-    """Still or uniformly moving water that resists outward-moving faces (docs/physics.md, eq. 11-13).
+    """Still or uniformly moving water that resists outward-moving faces (docs/physics.md, eq. 10-12).
 
     Args:
         density: density of the water, kg/m3 (quadratic law, inertia and friction).
         drag_coefficient: drag coefficient of a face moving along its normal, dimensionless (quadratic law). For the
             linear law, it is the coefficient itself, kg/(m2 s), whatever the density.
         law: "quadratic" (Terzopoulos, Tu & Grzeszczuk 1994); "cross_flow", in which only the velocity along a face's
-            normal counts (Taylor 1952); or "linear" (Tu & Terzopoulos 1994).
+            normal counts (Taylor 1952); or "linear" (Tu & Terzopoulos 1994; docs/physics-more.md, eq. 27).
         current: velocity of the water, (3,) m/s.
         inertia: True for reactive water, which also resists the acceleration of the body's sections, by their added
-            mass (docs/physics.md, eq. 75-82); for bodies with sections.
+            mass (docs/physics.md, eq. 14-20); for bodies with sections.
         added_mass: factors on the lateral and on the vertical added mass of slender-body theory, (2,), zero or
             positive; for water with inertia.
         righting: height of the centre of buoyancy above the centre of mass, body lengths: a couple that turns the fish
             upright. None: 0.005 for water with inertia, else zero.
         friction: skin friction over that of a laminar boundary layer on a flat plate of the body's length
-            (docs/physics.md, eq. 90), beside any law; 0 is none.
+            (docs/physics.md, eq. 13), beside any law; 0 is none.
         thinning: part that friction grows by, times the square of the sine between the flow and the face, zero or
             positive: flow across a surface makes its boundary layer thinner.
         viscosity: kinematic viscosity of the water, m2/s, for friction; 1.0e-6 is that of water at 20 degrees Celsius.

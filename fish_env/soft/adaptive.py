@@ -31,7 +31,7 @@ class Motion:
 
     def at(self, t, y):
         """Arguments of the forces at a time within the call: rest lengths (E,) m, x and v (N,3)."""
-        return self.start + t * self.rate, *y.reshape(2, -1, 3)  # (14)
+        return self.start + t * self.rate, *y.reshape(2, -1, 3)  # (1)
 
     def work(self, body: Body, t, y) -> float:
         """Work of the driven springs, J, over steps that end at the times t (S,) in the states y (6N,S).
@@ -45,7 +45,7 @@ class Motion:
         rest = [self.start[driven, None] + self.rate[driven, None] * at for at in (t, t[:-1] + 0.5 * h)]
         ends, inside = (np.linalg.norm(way, axis=1) - own for way, own in zip((r, middle), rest, strict=True))
         mean = (ends[:, :-1] + 4.0 * inside + ends[:, 1:]) / 6.0
-        return float(-(body.springs.stiffness * self.rate)[driven] @ mean @ h)  # (41)
+        return float(-(body.springs.stiffness * self.rate)[driven] @ mean @ h)  # (55)
 
     def slope(self, t, y):
         """Time derivative of y, (6N,)."""

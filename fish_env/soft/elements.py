@@ -19,7 +19,7 @@ FLAT = 1e-9  # ratio of volume to that of a cube on the longest edge, below whic
 
 @representable("a tetrahedron")
 def make_tets(position, nodes, young, poisson, relaxation_time: Any = 0.0, strain="corotational") -> Tets:
-    """Tetrahedra (T,4) between nodes at rest at `position` (N,3) m (docs/physics.md, eq. 46-51 and 69-71).
+    """Tetrahedra (T,4) between nodes at rest at `position` (N,3) m (docs/physics-more.md, eq. 62-70).
 
     Args:
         position: (N,3) m.

@@ -84,7 +84,7 @@ class Rosenbrock:
                     elif stage == 0:
                         common.set_masses(body, matrix)
                         add_damping(body, world, control, x, v, matrix, cache)
-                        add_system(body, world, control, x, v, matrix, cache)  # (30)
+                        add_system(body, world, control, x, v, matrix, cache)  # (39)
                         common.eliminate(body, matrix)
                         common.count_pivots(control, ldlt.factor(body.profile, matrix, work.row))
                         store_validity(control, work, inner)
@@ -95,7 +95,7 @@ class Rosenbrock:
                     for i in range(x.size):
                         f[i] = fma(inner, y[i], f[i])
                     common.zero_fixed(body, f)
-                    ldlt.solve(body.profile, matrix, f)  # (31), (33), (34)
+                    ldlt.solve(body.profile, matrix, f)  # (40), (42), (43)
                     if stage > 0:
                         for i in range(x.size):
                             f[i] = fma(0.5, f[i], 1.5 * p[i])
@@ -113,7 +113,7 @@ class Rosenbrock:
                             sx[i], sv[i], p[i] = fma(h, u, x[i]), fma(h, a, v[i]), a
                             rate[i] = fma(-2.0, u, sv[i])
                         else:
-                            x[i], v[i] = fma(h, u, x[i]), fma(h, a, v[i])  # (32)
+                            x[i], v[i] = fma(h, u, x[i]), fma(h, a, v[i])  # (41)
                 finish(body, world, control, x, v, f, cache)
 
         return run

@@ -103,7 +103,7 @@ def softening(mesh, section, poisson) -> np.ndarray:
     A linear tetrahedron that is bent is sheared as well, and is too stiff by what that takes: the more, the longer it
     is along the body and the thinner the body. The factor is the energy of pure bending, by the exact integral, over
     that of the same displacements of the nodes, between which elements are linear. It tends to 1 as the mesh is refined
-    (docs/physics.md, eq. 65).
+    (docs/physics-more.md, eq. 71).
     """
     tets = make_tets(mesh.position, mesh.tets, 1.0, poisson)
     x, y, z = mesh.position.T

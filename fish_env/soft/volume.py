@@ -33,9 +33,9 @@ def add_volume(faces, first, last, x, slope, base):
         xp, xq, xr, xs = x[INDEX(p)], x[INDEX(q)], x[INDEX(r)], x[INDEX(s)]
         d, e, m = xr - xp, xs - xq, fma(-4.0, o, xp + xq + xr + xs)
         a = (1.0 / 24.0) * cross(d, e)
-        volume += dot(m, a)  # (52)
+        volume += dot(m, a)  # (76)
         b, c = (1.0 / 24.0) * cross(e, m), (1.0 / 24.0) * cross(m, d)
-        slope[INDEX(base + p)] += a - b  # (53)
+        slope[INDEX(base + p)] += a - b  # (77)
         slope[INDEX(base + r)] += a + b
         slope[INDEX(base + q)] += a - c
         slope[INDEX(base + s)] += a + c

@@ -23,7 +23,7 @@ def add_force(body, world, control, x, v, f, cache):
     """Add the weight and the drag of the air on every node."""
     air = -world.viscosity * control.lightness[0]
     for i in range(x.size):
-        f[i] += fma(air, v[i], body.mass[i] * world.gravity[0])  # (57)
+        f[i] += fma(air, v[i], body.mass[i] * world.gravity[0])  # (82)
 
 
 @kernel

@@ -107,7 +107,7 @@ def directed(square, short):
     lacking = short - square
     lacking = select(lacking > 0.0, lacking, 0.0 * lacking)
     slack = (0.5 / short) * lacking
-    return 1.0 / sqrt(fma(slack, lacking, square)), fma(-2.0, slack, 1.0)  # (92)
+    return 1.0 / sqrt(fma(slack, lacking, square)), fma(-2.0, slack, 1.0)  # (28)
 
 
 @kernel
@@ -201,15 +201,15 @@ def push(body, world, control, cache, force, twist):
     for k in range(cache.n.size):
         t, n, b, nd, bd, speed = cache.t[k], cache.n[k], cache.b[k], cache.nd[k], cache.bd[k], cache.speed[k]
         m, q, w, y = cache.m[k], cache.q[k], dot(speed, n), dot(speed, b)
-        own = force[k] - fma(m * dot(speed, nd), n, (m * w) * nd) - fma(q * dot(speed, bd), b, (q * y) * bd)  # (78)
+        own = force[k] - fma(m * dot(speed, nd), n, (m * w) * nd) - fma(q * dot(speed, bd), b, (q * y) * bd)  # (17)
         lost = (control.lightness[0] * world.added_mass[1]) * body.sections.narrowing[k]
         u = dot(speed, t)
-        own = fma((lost * select(u < 0.0, u, 0.0 * u)) * y, b, own)  # (81)
+        own = fma((lost * select(u < 0.0, u, 0.0 * u)) * y, b, own)  # (20)
         upward = (q * y) * speed
         side = fma(m * w, speed, cross(t, upward))
         side = cache.per_rise[k] * fma(-cache.kept_n[k] * dot(side, n), n, side)
         ahead = cross(cache.rise[0], side) + cross(upward, n)
-        ahead = cache.per_length[k] * fma(-cache.kept_t[k] * dot(ahead, t), t, ahead)  # (79)
+        ahead = cache.per_length[k] * fma(-cache.kept_t[k] * dot(ahead, t), t, ahead)  # (18)
         turned += cross(side, t)
         force[k] = own
         j = nearest(body, k)
@@ -230,7 +230,7 @@ def shed(body, world, control, cache):
     w, u = dot(speed, n), dot(speed, t)
     slope = (control.lightness[0] * world.added_mass[0]) * body.sections.trailing * select(u < 0.0, -u, 0.0 * u)
     swing = sqrt(fma(u, u, w * w) + TINY)
-    return fma(-slope * w, n, (-0.5 * slope * (w * w) / swing) * t), slope  # (80)
+    return fma(-slope * w, n, (-0.5 * slope * (w * w) / swing) * t), slope  # (19)
 
 
 @kernel
@@ -341,10 +341,10 @@ def add_change(body, world, control, x, v, f, cache):
     edge = (control.lightness[0] * world.added_mass[0]) * body.sections.trailing
     change = dot(speed, t) - cache.advance[0]
     taker = last - INDEX(body.sections.fin)  # the section on which `scatter_wake` puts this part
-    kept = change / fma(half * edge * dot(t, cache.give[taker] * t), sqrt(dot(speed, speed)), 1.0)  # (91)
+    kept = change / fma(half * edge * dot(t, cache.give[taker] * t), sqrt(dot(speed, speed)), 1.0)  # (26)
     cache.speed[last] = fma(kept - change, t, speed)
     wake, slope = shed(body, world, control, cache)
-    scatter_wake(body, cache, (1.0 / fma(half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (82)
+    scatter_wake(body, cache, (1.0 / fma(half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (25)
     scatter_all(body, cache.later, cache.bend, f)
 
 
@@ -353,7 +353,7 @@ def resistance(cache, k, a):
     """Force with which the water resists, if section k would have the acceleration a without it."""
     n, b = cache.n[k], cache.b[k]
     w, y = dot(a, n), dot(a, b)
-    return fma(fma(cache.nn[k], w, cache.nb[k] * y), n, fma(cache.bn[k], w, cache.bb[k] * y) * b)  # (77)
+    return fma(fma(cache.nn[k], w, cache.nb[k] * y), n, fma(cache.bn[k], w, cache.bb[k] * y) * b)  # (16)
 
 
 @kernel
@@ -381,7 +381,7 @@ def add_inertia(body, world, control, x, a, f, cache):
     set_frames(body, world, control, x, cache)
     for k in range(cache.n.size):
         mean, n, b = gather(body, a, k), cache.n[k], cache.b[k]
-        scatter(body, k, fma(cache.m[k] * dot(mean, n), n, (cache.q[k] * dot(mean, b)) * b), f)  # (76)
+        scatter(body, k, fma(cache.m[k] * dot(mean, n), n, (cache.q[k] * dot(mean, b)) * b), f)  # (15)
 
 
 @kernel
@@ -567,7 +567,7 @@ def energy(body, world, control, x, v, f, cache):
     total = zero(control.stiffness)
     for k in range(cache.n.size):
         w, y = dot(cache.speed[k], cache.n[k]), dot(cache.speed[k], cache.b[k])
-        total = fma(0.5 * cache.m[k], w * w, fma(0.5 * cache.q[k], y * y, total))  # (75)
+        total = fma(0.5 * cache.m[k], w * w, fma(0.5 * cache.q[k], y * y, total))  # (14)
     return total
 
 

@@ -22,7 +22,7 @@ def present(body: Body, world: World) -> bool:
 def add_force(body, world, control, x, v, f, cache):
     """Add an upward force to every node at the upper edge, and the opposite to those at the lower one."""
     sections = body.sections
-    g = control.shortness[0] * vec3(0.0, 0.0, world.righting * sections.leverage)  # (83), (93)
+    g = control.shortness[0] * vec3(0.0, 0.0, world.righting * sections.leverage)  # (21), (75)
     for p in range(sections.upper.size):
         f[INDEX(sections.upper[p])] += g
         f[INDEX(sections.lower[p])] -= g

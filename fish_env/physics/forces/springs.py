@@ -39,7 +39,7 @@ def rest_matrices(body: Body, elastic):
     row = np.concatenate([r, -r], axis=1) / np.linalg.norm(r, axis=1)[:, None]
     constant = springs.stiffness if elastic else springs.damping
     eta = effective(body) if elastic else np.zeros(len(constant))
-    yield springs.nodes, (constant - eta)[:, None, None] * row[:, :, None] * row[:, None, :]  # (22)
+    yield springs.nodes, (constant - eta)[:, None, None] * row[:, :, None] * row[:, None, :]  # (36)
     yield springs.nodes, eta[:, None, None] * EVERY_WAY
 
 
@@ -55,7 +55,7 @@ def measure_spring(springs, rest, x, v, e):
     i, j = INDEX(springs.nodes[e, 0]), INDEX(springs.nodes[e, 1])
     r, u = x[j] - x[i], v[j] - v[i]
     inverse = 1.0 / sqrt(dot(r, r))
-    return i, j, r, inverse, fma(-rest[e], inverse, 1.0), dot(r, u) * (inverse * inverse)  # (2)
+    return i, j, r, inverse, fma(-rest[e], inverse, 1.0), dot(r, u) * (inverse * inverse)  # (5)
 
 
 @kernel
@@ -64,7 +64,7 @@ def add_force(body, world, control, x, v, f, cache):
     springs, rest, factor = body.springs, control.rest_length, control.stiffness[0]
     for e in range(springs.stiffness.size):
         i, j, r, _, strain, fast = measure_spring(springs, rest, x, v, e)
-        pull = (factor * fma(springs.damping[e], fast, springs.stiffness[e] * strain)) * r  # (3), (4)
+        pull = (factor * fma(springs.damping[e], fast, springs.stiffness[e] * strain)) * r  # (6), (7)
         f[i] += pull
         f[j] -= pull
 
@@ -125,7 +125,7 @@ def add_system(body, world, control, x, v, a, cache):
         c, k = factor * springs.stiffness[e], factor * springs.damping[e]
         eta = fma(k, fast, c * strain)
         eta = select(eta > lowest, eta, lowest)
-        along, across = ((h * h * (c - eta) + h * k) * (inverse * inverse)) * r, (h * h) * eta  # (22), (23)
+        along, across = ((h * h * (c - eta) + h * k) * (inverse * inverse)) * r, (h * h) * eta  # (36), (37)
         add_columns(a, 3 * diagonal[i], 1.0, r, along, across)
         add_columns(a, 3 * diagonal[j], 1.0, r, along, across)
         add_columns(a, 3 * springs.entry[e], -1.0, r, along, across)
@@ -155,10 +155,10 @@ def add_lagged(body, world, control, x, v, system, cache):
         i, j, r, _, strain, fast = measure_spring(springs, rest, x, v, e)
         eta = factor * fma(springs.damping[e], fast, springs.stiffness[e] * strain)
         weight, pull = (h * h) * eta, eta * r
-        matrix[INDEX(diagonal[i])] += weight  # (7)
+        matrix[INDEX(diagonal[i])] += weight  # (29)
         matrix[INDEX(diagonal[j])] += weight
         matrix[INDEX(springs.entry[e])] -= weight
-        load[i] += pull  # (8)
+        load[i] += pull  # (30)
         load[j] -= pull
 
 
@@ -169,7 +169,7 @@ def energy(body, world, control, x, v, f, cache):
     for e in range(stiffness.size):
         r = x[INDEX(nodes[e, 1])] - x[INDEX(nodes[e, 0])]
         stretch = sqrt(dot(r, r)) - control.rest_length[e]
-        total = fma(0.5 * stiffness[e], stretch * stretch, total)  # (5)
+        total = fma(0.5 * stiffness[e], stretch * stretch, total)  # (8)
     return control.stiffness[0] * total
 
 

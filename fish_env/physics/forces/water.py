@@ -91,7 +91,7 @@ def velocity(body, current, v, k):
     """Velocity of face k through the water."""
     p, q, r, s = corners(body, k)
     share = body.faces.share
-    return fma(share[k, 3], v[s], fma(share[k, 2], v[r], fma(share[k, 1], v[q], share[k, 0] * v[p] - current)))  # (11)
+    return fma(share[k, 3], v[s], fma(share[k, 2], v[r], fma(share[k, 1], v[q], share[k, 0] * v[p] - current)))  # (10)
 
 
 @kernel
@@ -102,7 +102,7 @@ def area_vector(body, x, k):
     if body.faces.upright:
         rise = vec3(0.0, 0.0, body.faces.depth[k])
         d, e = d + rise, e + rise
-    return 0.5 * cross(d, e)  # (10)
+    return 0.5 * cross(d, e)  # (9)
 
 
 @kernel
@@ -120,7 +120,7 @@ def scatter(body, k, g, f):
 def laws(world, control, cache):
     """Coefficients of the linear law, of the quadratic law and of friction, and the current."""
     drag = control.drag[0]
-    viscous, current = control.shortness[0] * drag, world.current[0] + control.current[0]  # (93)
+    viscous, current = control.shortness[0] * drag, world.current[0] + control.current[0]  # (75)
     return world.linear * viscous, world.quadratic * drag, cache.friction * viscous, current
 
 
@@ -132,7 +132,7 @@ def push_on(body, linear, quadratic, oblique, current, x, v, k):
     n, area = (1.0 / size) * a, body.faces.drag[k] * size
     outward = dot(n, w)
     speed = sqrt(square_of(oblique, outward, w))
-    return n, w, size, select(outward > 0.0, -(fma(quadratic, speed, linear) * outward * area), 0.0)  # (12), (13)
+    return n, w, size, select(outward > 0.0, -(fma(quadratic, speed, linear) * outward * area), 0.0)  # (27), (12)
 
 
 @kernel
@@ -150,7 +150,7 @@ def resistance(world, friction, n, w, size):
     square, outward = dot(w, w), dot(n, w)
     speed = sqrt(square)
     rough = friction * size * fma(world.thinning * outward, outward, square) / (speed * sqrt(speed))
-    return select(square > 0.0, rough, 0.0)  # (90)
+    return select(square > 0.0, rough, 0.0)  # (13)
 
 
 @kernel
@@ -193,7 +193,7 @@ def add_force_cached(body, world, control, x, v, f, cache):
         n, w, size, push = push_on(body, linear, quadratic, world.oblique, current, x, v, k)
         outward = dot(n, w)
         stopping = select(outward > 0.0, -outward / (half * cache.loaded[k]), 0.0)
-        push = select(push < stopping, stopping, push)  # (38)
+        push = select(push < stopping, stopping, push)  # (24)
         g = push * n
         if cache.friction > 0.0:
             pull = -limited(resistance(world, friction, n, w, size), h, cache.mobility[k]) * along(n, w)
@@ -224,7 +224,7 @@ def add_change(body, world, control, x, v, f, cache):
         slope = fma(quadratic, fma(outward, outward, square), linear * speed)  # times the speed
         slowed = (part * cache.mobility[k]) * area * slope
         weighed = fma(control.lightness[0] * cache.carried[k] * speed, speed / fma(0.5, slowed, speed), speed)
-        ahead = change * (weighed / (slowed + weighed))  # (38)
+        ahead = change * (weighed / (slowed + weighed))  # (24)
         g = select(outward > 0.0, ahead, -push) * n
         if cache.friction > 0.0:
             rough = limited(resistance(world, friction, n, w, size), h, cache.mobility[k])
@@ -262,7 +262,7 @@ def add_damping(body, world, control, x, v, a, cache):
         area, outward = body.faces.drag[k] * size, dot(n, w)
         speed = sqrt(square_of(world.oblique, outward, w))
         slope = fma(quadratic, fma(outward, outward, speed * speed), linear * speed) / speed
-        drag = select(outward > 0.0, h * area * slope, 0.0)  # (27)
+        drag = select(outward > 0.0, h * area * slope, 0.0)  # (38)
         rough, none = h * resistance(world, friction, n, w, size), zero(control.drag)
         across = drag - rough
         columns = (

@@ -46,7 +46,7 @@ def move_rest_lengths(control, elapsed):
     control.elapsed[0] = elapsed
     rest, start, rate, driven = control.rest_length, control.start, control.rate, control.driven
     for d in range(driven.size):
-        rest[INDEX(driven[d])] = fma(elapsed, rate[d], start[d])  # (14)
+        rest[INDEX(driven[d])] = fma(elapsed, rate[d], start[d])  # (1)
 
 
 @kernel
@@ -62,7 +62,7 @@ def add_work(body, control, x, duration):
         e = INDEX(driven[d])
         r = x[INDEX(nodes[e, 1])] - x[INDEX(nodes[e, 0])]
         power = fma(stiffness[e] * (rest[e] - sqrt(dot(r, r))), rate[d], power)
-    control.work[0] = fma(duration, power, control.work[0])  # (41)
+    control.work[0] = fma(duration, power, control.work[0])  # (55)
 
 
 @kernel
@@ -95,9 +95,9 @@ def make_measure(names: tuple[str, ...], flows: bool) -> Any:
     def measure(body, world, control, x, cache, duration):
         flows = control.flows
         total, v, f = flows.total, flows.v, flows.f
-        total[0] = fma(duration * control.stiffness[0], positive_power(body, control, x), total[0])  # (85)
-        total[1] = fma(duration, damping(body, world, control, x, v, f, cache), total[1])  # (86)
-        total[2] = fma(duration, water(body, world, control, x, v, f, cache), total[2])  # (87)
+        total[0] = fma(duration * control.stiffness[0], positive_power(body, control, x), total[0])  # (57)
+        total[1] = fma(duration, damping(body, world, control, x, v, f, cache), total[1])  # (58)
+        total[2] = fma(duration, water(body, world, control, x, v, f, cache), total[2])  # (59)
         for i in range(x.size):
             f[i] = zero(f)
         add_inertia(body, world, control, x, flows.a, f, cache)
@@ -113,7 +113,7 @@ def make_measure(names: tuple[str, ...], flows: bool) -> Any:
             push = dot(f[i], ahead)
             thrust += select(push > 0.0, push, 0.0)
         speed = dot((1.0 / mass) * drift - (world.current[0] + control.current[0]), ahead)
-        total[3] = fma(duration, select(size > 0.0, thrust * speed / (size * size), 0.0), total[3])  # (88)
+        total[3] = fma(duration, select(size > 0.0, thrust * speed / (size * size), 0.0), total[3])  # (60)
 
     return measure
 

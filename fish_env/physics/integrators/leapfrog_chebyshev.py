@@ -59,7 +59,7 @@ def stages_for(elastic: float, viscous: float, h: float) -> int:
 def plan(elastic: float, viscous: float, h: float) -> np.ndarray:
     """Coefficients of a step of h s for a body with these highest rates, 1/s2 and 1/s, a row of `control.plans`."""
     stages = stages_for(elastic, viscous, h)
-    midpoint, first, factor, _ = polynomial(stages)  # (36)
+    midpoint, first, factor, _ = polynomial(stages)  # (22)
     row = np.zeros(POLYNOMIAL + stages + 1)
     row[POLYNOMIAL:] = np.cosh(np.arange(stages + 1) * math.acosh(midpoint))
     row[[H, STAGES, MIDPOINT, FIRST, FACTOR]] = h, stages, midpoint, first, factor
@@ -103,7 +103,7 @@ def make_run(names, flows=False):
             if s == 0 or not whole:
                 decay(body, world, control, x, v, f, cache)
                 for i in range(x.size):
-                    x[i] = fma(half, v[i], x[i])  # (35)
+                    x[i] = fma(half, v[i], x[i])  # (3)
                     f[i] = zero(f)
             move_rest_lengths(control, (s + 0.5) * h)
             add_work(body, control, x, h)
@@ -124,7 +124,7 @@ def make_run(names, flows=False):
                 for i in range(x.size):
                     y = a[i]
                     pull = fma(2.0 * midpoint, y, fma(inverse_mass[i], f[i], double * kick[i]))
-                    a[i] = fma(now, pull, -last * before[i])  # (37)
+                    a[i] = fma(now, pull, -last * before[i])  # (23)
                     before[i] = y
                     f[i] = zero(f)
             constrain(body, world, control, x, v, a, cache)

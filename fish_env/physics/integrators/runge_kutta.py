@@ -69,14 +69,14 @@ class RungeKutta:
                     for i in range(x.size):
                         u, a = pv[i], inverse_mass[i] * f[i]
                         if symplectic:
-                            u = fma(h, a, u)  # (15)
+                            u = fma(h, a, u)  # (32)
                         speed, acceleration = (none, none) if stage == 0 else (kx[i], kv[i])
                         speed, acceleration = fma(part, u, speed), fma(part, a, acceleration)
                         if stage < last:
                             kx[i], kv[i] = speed, acceleration
                             sx[i], sv[i] = fma(ahead, u, x[i]), fma(ahead, a, v[i])
                         else:
-                            x[i], v[i] = fma(h, speed, x[i]), fma(h, acceleration, v[i])  # (16), (28), (29)
+                            x[i], v[i] = fma(h, speed, x[i]), fma(h, acceleration, v[i])  # (33), (34), (35)
                 finish(body, world, control, x, v, f, cache)
 
         return run

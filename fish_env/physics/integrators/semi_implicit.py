@@ -94,12 +94,12 @@ def make_run(names, flows=False):
             for i in range(x.size):
                 matrix[INDEX(body.profile.diagonal[i])] = zero(matrix) + mass[i]
                 load[i] = zero(load)
-            add_lagged(body, world, control, x, v, work, cache)  # (7), (8)
+            add_lagged(body, world, control, x, v, work, cache)  # (29), (30)
             add_force(body, world, control, x, v, load, cache)
             for i in range(x.size):
                 load[i] = fma(h, load[i], mass[i] * v[i])
             eliminate(body, v, work)
-            found = ldlt.factor_forward(body.profile, matrix, load, work.inverse_pivot, work.row)  # (9)
+            found = ldlt.factor_forward(body.profile, matrix, load, work.inverse_pivot, work.row)  # (31)
             count_pivots(control, found)
             solve_lagged(body, world, control, x, v, work, cache)
             ldlt.backward(body.profile, matrix, load, work.inverse_pivot)

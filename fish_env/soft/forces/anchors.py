@@ -60,9 +60,9 @@ def add_one(anchors, m, control, light, x, v, f):
     c, k = anchors.stiffness[m], anchors.damping[m]
     i, r, inverse, strain, fast = measure_anchor(anchors, m, control.elapsed[0], x, v)
     if anchors.rest_length[m] == 0.0:
-        f[i] = fma(light, fma(k, anchors.velocity[m] - v[i], c * r), f[i])  # (58)
+        f[i] = fma(light, fma(k, anchors.velocity[m] - v[i], c * r), f[i])  # (83)
     else:
-        f[i] = fma(light * fma(k, fast, c * strain), r, f[i])  # (59)
+        f[i] = fma(light * fma(k, fast, c * strain), r, f[i])  # (84)
     return r, inverse, strain
 
 

@@ -91,7 +91,7 @@ def barrier(s):
     t = select(s > STEEP, s, STEEP)
     gap, logarithm, beyond = t - NEAR, log(t / NEAR), s - t
     part = gap / t
-    energy = -(gap * gap) * logarithm  # (56)
+    energy = -(gap * gap) * logarithm  # (80)
     first = -gap * fma(2.0, logarithm, part)
     second = fma(part, part, -fma(4.0, part, 2.0 * logarithm))
     return fma(beyond, fma(0.5 * beyond, second, first), energy), fma(beyond, second, first), second
@@ -151,7 +151,7 @@ def add_tangent(body, world, control, x, y, f, cache):
         change = dot(p, y[INDEX(barriers.nodes[k, 0])] - inner) + dot(q, y[INDEX(barriers.nodes[k, 1])] - inner)
         if third >= 0:
             change += dot(r, y[INDEX(third)] - inner)
-        push_apart(barriers, k, f, -change, p, q, r)  # (62)
+        push_apart(barriers, k, f, -change, p, q, r)  # (81)
 
 
 @kernel

@@ -49,7 +49,7 @@ def add_force(body, world, control, x, v, f, cache):
             depth, speed, press = planes[p, 3] - dot(n, x[i]), dot(n, v[i]), dot(n, f[i])
             leaves = (speed > 0.0) & (speed * speed > (rounding * rounding) * dot(v[i], v[i]))
             taken = select((depth >= 0.0) & (press < 0.0), select(leaves, 0.0, press), 0.0)
-            f[i] = fma(-taken, n, f[i])  # (60)
+            f[i] = fma(-taken, n, f[i])  # (85)
 
 
 @kernel
@@ -77,7 +77,7 @@ def finish(body, world, control, x, v, f, cache):
         for i in range(x.size):
             depth, speed, free = planes[p, 3] - dot(n, x[i]), dot(n, v[i]), body.inverse_mass[i]
             hit = (speed < -resting) & (depth < -2.0 * h * speed)  # deeper: it was behind the plane before the step
-            change = -speed - select(hit, part * speed, 0.0)  # (61)
+            change = -speed - select(hit, part * speed, 0.0)  # (86)
             change = select((depth >= 0.0) & (speed < 0.0), change, 0.0)
             axes = vec3(select(free.x > 0.0, 1.0, 0.0), select(free.y > 0.0, 1.0, 0.0), select(free.z > 0.0, 1.0, 0.0))
             v[i] = fma(change, axes * n, v[i])

@@ -60,7 +60,7 @@ def double_strain(m, n, relaxation):
     p, q, r = m
     diagonal, off = double_symmetric_part(m, n)
     unit = vec3(dot(p, p) - 1.0, dot(q, q) - 1.0, dot(r, r) - 1.0)
-    return fma(relaxation, diagonal, unit), fma(relaxation, off, vec3(dot(q, r), dot(p, r), dot(p, q)))  # (69)
+    return fma(relaxation, diagonal, unit), fma(relaxation, off, vec3(dot(q, r), dot(p, r), dot(p, q)))  # (68)
 
 
 @kernel
@@ -98,7 +98,7 @@ def add_element(elements, t, factor, x, v, f):
     m, n = gradient(elements, t, edges(elements, t, x)), gradient(elements, t, edges(elements, t, v))
     shear, dilation = constants(elements, t, factor)
     s = stress(double_strain(m, n, elements.relaxation_time[t]), shear, dilation)
-    scatter(elements, t, product(m, s), f)  # (70)
+    scatter(elements, t, product(m, s), f)  # (69)
     return m, stress(double_strain(m, n, 0.0), shear, dilation)
 
 
@@ -209,7 +209,7 @@ def add_system(body, world, control, x, v, a, cache):
 
 @kernel
 def column_of(here, there, mu, la, square, both, this, that):
-    """Column of the block of two corners: mu n_j n_i^T + lambda n_i n_j^T + mu (g_i . g_j) F F^T."""  # (71)
+    """Column of the block of two corners: mu n_j n_i^T + lambda n_i n_j^T + mu (g_i . g_j) F F^T."""  # (70)
     return fma(both, square, fma(mu * this, there, (la * that) * here))
 
 

@@ -54,7 +54,7 @@ def rotation(p, q, r, scratch):
     going = n > 0.0
     for _ in range(NEWTON):
         square = t * t
-        value = fma(fma(-2.0, n, square), square, fma(-8.0 * d, t, constant))  # (48)
+        value = fma(fma(-2.0, n, square), square, fma(-8.0 * d, t, constant))  # (64)
         slope = fma(4.0 * (square - n), t, -8.0 * d)
         going = going & (slope > 0.0)
         change = select(going, value / slope, 0.0)
@@ -66,7 +66,7 @@ def rotation(p, q, r, scratch):
     u = 0.5 * (square - n)
     pairs = fma(t, u, -d)  # (s1 + s2)(s2 + s3)(s3 + s1)
     inverse, rest = 1.0 / pairs, square - u
-    x = inverse * (fma(t, a, rest * p) - fma(m02, r, fma(m01, q, m00 * p)))  # (49)
+    x = inverse * (fma(t, a, rest * p) - fma(m02, r, fma(m01, q, m00 * p)))  # (65)
     y = inverse * (fma(t, b, rest * q) - fma(m12, r, fma(m11, q, m01 * p)))
     z = inverse * (fma(t, c, rest * r) - fma(m22, r, fma(m12, q, m02 * p)))
     clear = pairs > CLEAR * n * sqrt(n)
@@ -100,7 +100,7 @@ def with_derivatives(p, q, r, turn):
     trace, xy, xz, yz = a.x + b.y + c.z, -0.5 * (a.y + b.x), -0.5 * (a.z + c.x), -0.5 * (b.z + c.y)
     a, b, c = vec3(trace - a.x, xy, xz), vec3(xy, trace - b.y, yz), vec3(xz, yz, trace - c.z)
     one, two, three, off = cross(b, c), cross(c, a), cross(a, b), cross(x, p) + cross(y, q) + cross(z, r)
-    w = (1.0 / dot(a, one)) * fma(off.z, three, fma(off.y, two, off.x * one))  # (51)
+    w = (1.0 / dot(a, one)) * fma(off.z, three, fma(off.y, two, off.x * one))  # (67)
     return x + cross(w, x), y + cross(w, y), z + cross(w, z)
 
 

@@ -62,7 +62,7 @@ def push(body, c, space):
     """Gauge pressure in compartment c, and 1 / V; both zero without a volume."""
     inverse = select(space > 0.0, 1.0 / space, 0.0)
     outside = select(space > 0.0, body.compartments.ambient[c] + 0.0 * space, 0.0)
-    return fma(body.compartments.gas[c], inverse, -outside), inverse  # (54)
+    return fma(body.compartments.gas[c], inverse, -outside), inverse  # (78)
 
 
 @kernel
@@ -103,7 +103,7 @@ def add_tangent(body, world, control, x, y, f, cache):
             change += dot(slope[INDEX(c * count + i)], y[i])
         change *= -weight
         for i in range(count):
-            f[i] = fma(change, slope[INDEX(c * count + i)], f[i])  # (55)
+            f[i] = fma(change, slope[INDEX(c * count + i)], f[i])  # (79)
 
 
 @kernel

@@ -94,7 +94,7 @@ def gradient(tets, t, e):
         fma(g[t, 3, 0], e[2], fma(g[t, 2, 0], e[1], g[t, 1, 0] * e[0])),
         fma(g[t, 3, 1], e[2], fma(g[t, 2, 1], e[1], g[t, 1, 1] * e[0])),
         fma(g[t, 3, 2], e[2], fma(g[t, 2, 2], e[1], g[t, 1, 2] * e[0])),
-    )  # (46)
+    )  # (62)
 
 
 @kernel
@@ -140,7 +140,7 @@ def stress(m, shear, dilation):
         vec3(fma(double, p.x, even), xy, xz),
         vec3(xy, fma(double, q.y, even), yz),
         vec3(xz, yz, fma(double, r.z, even)),
-    )  # (47)
+    )  # (63)
 
 
 @kernel
@@ -232,7 +232,7 @@ def add_sides(tets, t, h, weight, cache):
     for s in range(sides.shape[1]):
         first, here, there = 3 * sides[t, s], now[INDEX(corners[t, s, 0])], now[INDEX(corners[t, s, 1])]
         one, two, along = mu * here, la * there, mu * dot(here, there)
-        k[INDEX(first)] += fma(one.x, there, fma(two.x, here, vec3(along, 0.0, 0.0)))  # (50)
+        k[INDEX(first)] += fma(one.x, there, fma(two.x, here, vec3(along, 0.0, 0.0)))  # (66)
         k[INDEX(first + 1)] += fma(one.y, there, fma(two.y, here, vec3(0.0, along, 0.0)))
         k[INDEX(first + 2)] += fma(one.z, there, fma(two.z, here, vec3(0.0, 0.0, along)))
 
@@ -284,7 +284,7 @@ def add_system(body, world, control, x, v, a, cache):
                     continue
                 here, there = now[p], now[q]
                 place, along = 3 * (start[row] + column - first[row]), mu * dot(here, there)
-                a[place] += fma(mu * here.x, there, (la * there.x) * here) + along * vec3(1.0, 0.0, 0.0)  # (50)
+                a[place] += fma(mu * here.x, there, (la * there.x) * here) + along * vec3(1.0, 0.0, 0.0)  # (66)
                 a[place + 1] += fma(mu * here.y, there, (la * there.y) * here) + along * vec3(0.0, 1.0, 0.0)
                 a[place + 2] += fma(mu * here.z, there, (la * there.z) * here) + along * vec3(0.0, 0.0, 1.0)
 
