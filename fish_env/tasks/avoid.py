@@ -36,7 +36,7 @@ def write_vectors(tank, pose, task, b, out):
         way = task.obstacle[b] - pose.centre[b]
         distance = sqrt(dot(way, way))
         gap = max(distance / tank.length - task.radius, 0.0)
-        out[b, 1] = way / (distance * (1.0 + gap))  # (44)
+        out[b, 1] = way / (distance * (1.0 + gap))  # (54)
         out[b, 2] = task.velocity[b] / tank.length
 
 

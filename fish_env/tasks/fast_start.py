@@ -24,8 +24,8 @@ OVER = 0.04  # s over which the acceleration is averaged
 def write_terms(tank, pose, task, b, terms):
     """Write progress along the commanded heading, none before the command, and effort; record the start."""
     course = task.course
-    terms[0, b] = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
-    terms[1, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (20)
+    terms[0, b] = rewards.progress(tank, pose, task.before, task.heading, b)  # (46)
+    terms[1, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (48)
     measure_strain(tank, task.strain, b)
     turns.track_commands(pose, task, b)
     task.before[b] = pose.centre[b]

@@ -23,13 +23,13 @@ def write_vectors(tank, pose, task, b, out):
 @kernel
 def write_terms(tank, pose, task, b, terms):
     """Write the progress along the heading, body lengths, and the costs of moving the muscles and the head."""
-    progress = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
+    progress = rewards.progress(tank, pose, task.before, task.heading, b)  # (46)
     if task.commanded:
         wanted = task.speed[b] * task.interval
-        progress = wanted - abs(progress - wanted)  # (39)
+        progress = wanted - abs(progress - wanted)  # (47)
     terms[0, b] = progress
-    terms[1, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (20)
-    terms[2, b] = rewards.sway(tank, pose, task.sway_weight, task.interval, b)  # (94)
+    terms[1, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (48)
+    terms[2, b] = rewards.sway(tank, pose, task.sway_weight, task.interval, b)  # (49)
     task.before[b] = pose.centre[b]
 
 

@@ -42,9 +42,9 @@ def write_terms(tank, pose, task, b, terms):
     now = gap(tank, task, b)
     hit = now <= task.radius
     terms[0, b] = task.gap[b] - now
-    terms[1, b] = rewards.alignment(pose, way, b) * (task.alignment_weight * task.interval)  # (40)
-    terms[2, b] = task.reach_bonus if hit else 0.0  # (42)
-    terms[3, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (20)
+    terms[1, b] = rewards.alignment(pose, way, b) * (task.alignment_weight * task.interval)  # (50)
+    terms[2, b] = task.reach_bonus if hit else 0.0  # (52)
+    terms[3, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (48)
     task.waited[b] += task.interval
     if hit or task.waited[b] >= task.patience - 1e-9:
         if hit:

@@ -92,7 +92,7 @@ def track_commands(pose, task, b):
             left = abs(wrap_angle(course.heading[b] - yaw))  # to turn, whichever way round it came
             if side * turned >= COMPLETE * abs(wanted) or left <= (1.0 - COMPLETE) * abs(wanted):
                 record.latency[b] = course.since[b]
-                record.radius[b] = record.path[b] / abs(turned) if abs(turned) > LEAST_TURN else math.nan  # (43)
+                record.radius[b] = record.path[b] / abs(turned) if abs(turned) > LEAST_TURN else math.nan  # (53)
                 record.after[b] = math.hypot(velocity.x, velocity.y)
                 record.overshoot[b] = 0.0
         elif course.since[b] >= window * interval - 1e-9:  # no heading from before the command is in the average
@@ -168,13 +168,13 @@ def write_vectors(tank, pose, task, b, out):
 def write_terms(tank, pose, task, b, terms):
     """Write progress along the commanded heading, alignment, effort, overshoot and sway; advance the course."""
     heading = task.heading[b]
-    terms[0, b] = rewards.progress(tank, pose, task.before, task.heading, b)  # (19)
-    terms[1, b] = rewards.alignment(pose, heading, b) * (task.alignment_weight * task.interval)  # (40)
-    terms[2, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (20)
+    terms[0, b] = rewards.progress(tank, pose, task.before, task.heading, b)  # (46)
+    terms[1, b] = rewards.alignment(pose, heading, b) * (task.alignment_weight * task.interval)  # (50)
+    terms[2, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (48)
     if task.overshoots:
-        terms[3, b] = overshoot_angle(task, b) * (-2.0 / math.pi * task.overshoot_weight * task.interval)  # (45)
+        terms[3, b] = overshoot_angle(task, b) * (-2.0 / math.pi * task.overshoot_weight * task.interval)  # (51)
     if task.sways:
-        terms[4, b] = rewards.sway(tank, pose, task.sway_weight, task.interval, b)  # (94)
+        terms[4, b] = rewards.sway(tank, pose, task.sway_weight, task.interval, b)  # (49)
     measure_strain(tank, task.strain, b)
     track_commands(pose, task, b)
     task.before[b] = pose.centre[b]
