@@ -13,6 +13,8 @@ from benchmarks.objects import layers, solids, survey
 from benchmarks.objects.scenes import SCENES
 from benchmarks.stability import claim
 from benchmarks.water import levels
+from fish_env import make_fish
+from fish_env.control.chart import steps_of
 from fish_env.soft.objects import OBJECTS, SONG
 
 
@@ -405,7 +407,7 @@ def trainings():
 
 def intervals():
     """Costs of a control interval in reactive water, over drag: in a batch, and alone."""
-    steps = 8 / 6
+    steps = steps_of(make_fish()) / steps_of(make_fish(water="drag"))
     return [steps * one("water_prices.csv", fish="reactive", dtype="float64", count=k)["over_drag"] for k in (256, 1)]
 
 
