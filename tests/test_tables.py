@@ -477,7 +477,7 @@ def choices():
     yield f"two cores make [{round(row['value'], -3):,.0f} steps](performance.md#environments) a second"
 
 
-def nothing_fitted():
+def held_out_comparisons():
     """Water beside measurements of others."""
     waters = ("drag", "drag, friction", "reactive", "reactive, friction")
     mackerel, eel = (read_table("validation/torque.csv", animal=animal) for animal in ("mackerel", "eel"))
@@ -508,9 +508,8 @@ PAGES = {
     "choosing-an-integrator": (claims, methods, own_steps, least_prices, failures, default_step),
     "choosing-a-body": (bodies, fits, transfers),
     "choosing-the-water": (water_tables,),
-    "nothing-fitted": (nothing_fitted,),
     "results": (bounds, aims, kinematics, trainings),
-    "validation": (gait,),
+    "validation": (gait, held_out_comparisons),
     "results validation": (beside_living_fish,),
     "performance": (rates, peers),
     "soft-objects": (scenes, beam, moved_solids),
