@@ -11,7 +11,7 @@ from fish_env.control import load_policy
 from fish_env.training.config import Request
 from fish_env.training.train import train
 
-WEIGHTS = ((0.1, 0.0), (0.1, 1.5), (2.0, 0.0), (2.0, 0.5), (2.0, 1.5), (2.0, 4.0), (1.0, 1.5), (4.0, 1.5))
+WEIGHTS = ((0.1, 0.0), (0.1, 1.5), (1.0, 1.5), (2.2, 0.0), (2.2, 0.5), (2.2, 1.5), (2.2, 4.0), (4.0, 1.5))
 """Effort and sway."""
 
 

@@ -51,7 +51,7 @@ class SwimTask(CompiledTask):
     episode_steps = 250
     write_vectors, write_terms = write_vectors, write_terms
     weights = {  # without them, the fastest gaits strain muscles and sway heads as no living fish does
-        "effort_weight": rewards.EFFORT_WEIGHT._replace(default=2.0),
+        "effort_weight": rewards.EFFORT_WEIGHT._replace(default=2.2),
         "sway_weight": rewards.SWAY_WEIGHT._replace(default=1.5),
     }
     settable = ("heading_error", "speed", *weights)
