@@ -36,7 +36,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         num_fish: B, at least 1.
         integrator: a key of `INTEGRATORS`; None selects the fish's default.
         dt: integrator step, s; None selects the fish's `time_step` for its default integrator. For another, it selects
-            the longest step that divides the control interval and is at most 0.6 of one that is stable at rest. A step
+            the longest step that divides the control interval and is at most half of one that is stable at rest. A step
             above the largest stable one warns.
         water: `make_water(...)`, or as environments take it: "none", "drag" or "reactive", the fish's own with inertia,
             or a dictionary of what differs in it. None is vacuum.

@@ -163,7 +163,7 @@ def apply_variation(body: Body, world: World, row, length=1.0) -> tuple[Body, Wo
     )  # fmt: skip
 
 
-PART = 0.6  # ratio of the default step to one that is stable
+PART = 0.5  # ratio of the default step to one that is stable
 
 
 def own_step(fish: ElasticObject, integrator: Integrator) -> float:
