@@ -80,11 +80,11 @@ SEARCHED: dict[str, dict[str, Range]] = {
         "damping": Range([1.0], 0.2, 5.0),
     },
     "two_layer": {
-        "bending": Range([1.0] * 5, 0.2, 5.0),
-        "shear": Range([1.0], 0.2, 5.0),
-        "pull": Range([1.0] * 3, 0.5, 2.0),
-        "drag": Range([1.0] * 6, 0.1, 6.0),
-        "damping": Range([1.0], 0.05, 5.0),
+        "bending": Range([0.7601, 0.7669, 0.4664, 0.614, 1.253], 0.2, 5.0),
+        "shear": Range([0.6886], 0.2, 5.0),
+        "pull": Range([0.95, 1.04, 1.03], 0.5, 2.0),
+        "drag": Range([1.016, 0.8475, 1.046, 0.645, 1.207, 0.8909], 0.1, 6.0),
+        "damping": Range([0.8098], 0.05, 5.0),
     },
 }
 """Near what earlier searches ended with; `planar` and `two_layer` are factors on `mass_spring`."""
