@@ -35,7 +35,7 @@ UNSEEN_SEED, UNSEEN_EACH = 9_300, 24  # some square waves are ten times as far o
 OLD_STRENGTH = 0.5
 """Factor on recorded commands: they were recorded on a fish that contracts half as far."""
 EVERY = {"two_layer": 10}  # it takes twenty times as long as the others, and is fitted to every tenth scene
-GENERATIONS = {"mass_spring": 40, "planar": 50, "two_layer": 8}
+GENERATIONS = {"mass_spring": 40, "planar": 50, "two_layer": 6}
 SPREAD = {"mass_spring": 0.02, "planar": 0.05, "two_layer": 0.05}
 """Of the search for a body, and the spread of its first points."""
 
