@@ -520,13 +520,13 @@ def test_held_out(monkeypatch):
     assert whole.goals.shape == (65, 100, 12) and whole.goals.min() >= 0.0 and whole.goals.max() <= 1.0
     assert len({goals.tobytes() for goals in whole.goals}) == 65
     scenes = whole._replace(goals=whole.goals[-9:, :30], kinds=whole.kinds[-8:])
-    moved = chart.move(scenes, FISH.integrator, 6, batch=20)
-    alone, _ = problems.run(replace(TURN, contraction=scenes.goals[-1]), FISH.integrator, 6)
+    moved = chart.move(scenes, FISH.integrator, 12, batch=20)
+    alone, _ = problems.run(replace(TURN, contraction=scenes.goals[-1]), FISH.integrator, 12)
     np.testing.assert_array_equal(moved.path[:, -1], alone)
     magnified = np.sort(chart.magnification(scenes, 32)[:-1])
     monkeypatch.setattr(chart, "MAGNIFIED", 1.01 * magnified[4])
     truth = chart.reference(scenes, 32)
-    row = held_out.row_of("mass_spring", "reactive", scenes, truth, (FISH.integrator, 6, np.inf))
+    row = held_out.row_of("mass_spring", "reactive", scenes, truth, (FISH.integrator, 12, np.inf))
     assert (row["scenes"], row["unpredictable"], row["failed"], row["worst_of"]) == (8, 3, 0, "sprints")
     assert 0.0 < row["geometric_mean"] < row["ninety_percent"] < row["worst"] < 0.01
 

@@ -319,7 +319,7 @@ def test_times_and_water_of_the_fish():
     assert f'own, `"{env.tank.integrator.name}"`' in stated["integrator"]
     assert stated["control_interval"].endswith(f"own, {env.control_interval:g}")
     coefficient = fish_env.make_fish().water.quadratic / 500.0
-    assert f"still water, 1000 kg/m³, drag coefficient {coefficient:.4g}, quadratic law" in page("swim")
+    assert f"still water, 1000 kg/m³, drag coefficient {coefficient:.4g}, cross-flow law" in page("swim")
 
 
 @every_form

@@ -492,8 +492,8 @@ WATERS = {  # what is named, and the fields of the fish's own water that it chan
     "density": ({"density": 500}, {"quadratic", "added_mass", "friction"}),
     "no friction": ({"friction": 0.0}, {"friction"}),
     "viscosity": ({"viscosity": 4e-6}, {"friction"}),
-    "law": ({"law": "linear"}, {"quadratic", "linear"}),
-    "cross-flow": ({"law": "cross_flow"}, {"oblique"}),
+    "law": ({"law": "linear"}, {"quadratic", "linear", "oblique"}),
+    "all flow": ({"law": "quadratic"}, {"oblique"}),
     "thinning": ({"thinning": 2.0}, {"thinning"}),
     "current": ({"current": (0.1, 0.0, 0.0)}, {"current"}),
 }

@@ -27,7 +27,7 @@ from fish_env.control import (
 PAIRS = {"muscle_groups": "pairs"}
 SHORT = {"max_episode_steps": 25}
 BARS = {
-    "swim": ("speed", 4.8),
+    "swim": ("speed", 4.3),
     "turn": ("success", 0.98),
     "left_after_right": ("success", 0.98),
     "target": ("targets", 27.0),
@@ -107,7 +107,7 @@ def stub(**options):
 
 def slow_policy():
     """A policy that acts every 40 ms."""
-    about = {"env_id": "FishEnv/Turn-v0", "env_options": {"control_interval": 0.04} | PAIRS}
+    about = {"env_id": "FishEnv/Turn-v0", "env_options": {"control_interval": 0.04}}
     return replace(load_policy("turn"), about=about)
 
 

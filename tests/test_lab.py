@@ -335,7 +335,8 @@ def test_an_obstacle_that_is_put_is_passed():
     """An obstacle that is put is passed: one that the fish would else swim into."""
     school, blind = swum("policy for obstacles"), swum("policy for speed")
     assert not len(school.frame().spheres)
-    goal = middle(school) + school.length * np.array([2.0, 0.05, 0.0])
+    goals = {each: middle(each) + school.length * np.array([2.0, 0.05, 0.0]) for each in (school, blind)}
+    goal = goals[school]
     school.point("start", goal, -1)
     assert school.frame().spheres[0, :3] == pytest.approx(goal * (1.0, 1.0, 0.0))
     room = {}
@@ -343,7 +344,7 @@ def test_an_obstacle_that_is_put_is_passed():
         room[each] = np.inf
         for _ in range(150):
             each.advance(0.02)
-            room[each] = min(room[each], float(np.linalg.norm(each.tank.position[0] - goal, axis=1).min()))
+            room[each] = min(room[each], float(np.linalg.norm(each.tank.position[0] - goals[each], axis=1).min()))
     assert room[school] > school.task.radius * school.length > room[blind]
     assert not school.task.touched[0] and school.tank.position[0, :, 0].min() > goal[0]
 

@@ -10,6 +10,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import gymnasium as gym
+
 from fish_env.bodies import Fish, make_fish
 from fish_env.control.evaluation import EPISODES, evaluate, make_policy_env, means
 from fish_env.control.policy import Policy, load_policy
@@ -98,8 +100,9 @@ def evaluate_held_out(
         checked_count(episodes, "episodes"),
     )
     options, rows = dict(loaded.about.get("env_options", {})), []
+    registered = gym.registry[loaded.about["env_id"]].kwargs if loaded.about.get("env_id") in gym.registry else {}
     for condition in conditions:
-        if options.get("dimensions") == 3 and fish_of(options, condition).flat:
+        if (registered | options).get("dimensions") == 3 and fish_of(options, condition).flat:
             continue
         with closing(make_policy_env(loaded, episodes, **condition_options(loaded, options, condition))) as env:
             task = next((name for name, kind in env.tasks.items() if isinstance(env.task, kind)), "")
