@@ -19,7 +19,7 @@ MOTIONS, HORIZON, KEPT = 256, 15, 3  # motions that are tried; environment steps
 
 def random_motions(fish: fish_env.Fish, interval: float, generator: np.random.Generator) -> np.ndarray:
     """Actions (MOTIONS,HORIZON,M) of waves of random frequency, Hz, phase, lag along the body, size and side."""
-    low, high = (2.0, 0.0, -1.5, 0.7, -0.5), (6.0, 2.0 * np.pi, 3.0, 2.0, 0.5)
+    low, high = (2.0, 0.0, -1.5, 0.7, -0.5), (10.0, 2.0 * np.pi, 3.0, 2.0, 0.5)
     frequency, phase, lag, size, side = generator.uniform(low, high, (MOTIONS, 5)).T[:, :, None, None]
     time = interval * np.arange(HORIZON)[:, None]
     wave = size * np.sin(2.0 * np.pi * frequency * time + phase - lag * fish.segments)
@@ -42,7 +42,8 @@ def main() -> None:
     """Swim some episodes by planning and by the gait, and print the speed of both."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=5)
-    env, batch = gym.make("FishEnv/Swim-v0"), fish_env.FishVectorEnv(MOTIONS, task="swim")
+    fast = {"effort_weight": 0.0, "sway_weight": 0.0}  # only speed counts
+    env, batch = gym.make("FishEnv/Swim-v0", **fast), fish_env.FishVectorEnv(MOTIONS, task="swim", **fast)
     fish, interval, gait = batch.tank.fish, batch.control_interval, best_gait()
     for seed in range(parser.parse_args().episodes):
         generator, speed = np.random.default_rng(seed), {}

@@ -19,6 +19,7 @@ from fish_env import __main__ as command_line
 from fish_env.control import chart, compare, load_policy, make_policy_env, play, shipped_policies, shipped_policy
 from fish_env.control.console import run_command
 from fish_env.control.evaluation import evaluate, means
+from fish_env.physics.tank_options import longest_step
 
 ROOT = Path(__file__).parent.parent
 
@@ -71,7 +72,7 @@ def test_evaluate(tmp_path, capsys, monkeypatch):
     assert pytest.importorskip("train").main() == 0
     assert [record["means"] == wanted for record in json.loads(file.read_text())] == [True, True, False]
     printed = capsys.readouterr().out
-    assert "FishEnv/Swim-v0: mean over 2" in printed and "FishEnv/Turn-v0 with muscle_groups='pairs': mean" in printed
+    assert "FishEnv/Swim-v0: mean over 2" in printed and "FishEnv/Turn-v0: mean" in printed
     speed = f"{wanted['speed']:.4g}"
     assert next(line.split() for line in printed.splitlines() if "  speed " in line) == ["speed", speed, speed]
     short = ["--env-kwargs", "max_episode_steps=3", "body=planar", "--to", str(file)]
@@ -211,8 +212,10 @@ def test_recommended_steps():
     own = [(fish.integrator, 2, 0, 0.03, 1.0), (fish.integrator, 5, 3, 0.02, 2.0), (fish.integrator, 8, 0, 0.01, 3.0)]
     rk4 = [("rk4", 1, 0, 0.3, 0.5), ("rk4", 32, 0, 0.001, 9.0)]
     assert said(0.01, *own, *rk4).startswith(f"take {fish.integrator} with dt=0.02 / 8: error 1 %, time 3 us")
-    assert said(0.04, *own).endswith("dt=0.02 / 2: error 3 %, time 1 us a control interval; the largest safe step is "
-                                     "0.00223 s")  # fmt: skip
+    assert said(0.04, *own).endswith(
+        "dt=0.02 / 2: error 3 %, time 1 us a control interval; the largest safe step is "
+        f"{longest_step(fish, fish.water, fish_env.INTEGRATORS[fish.integrator]):.3g} s"
+    )
     limit = fish_env.INTEGRATORS["rk4"].limit(fish.body, fish.water)
     assert said(0.002, *own, *rk4).endswith(f"the largest safe step is {limit:.3g} s")
     assert "the most accurate is rk4 with dt=0.02 / 32: error 0.1 %" in said(1e-4, *own, *rk4)
@@ -227,8 +230,7 @@ def test_scenes_of_a_task(few_scenes):
     env = make_policy_env("turn", 4)
     obs, _ = env.reset(seed=chart.SEED)
     first = 0.5 + 0.5 * load_policy(shipped_policy("turn"))(obs)
-    # the policy acts every 40 ms: its first action is reached at the end of the second interval
-    np.testing.assert_allclose(turn.goals[:, 1], first[:, fish.grouping("pairs")], atol=1e-6)
+    np.testing.assert_allclose(turn.goals[:, 0], first, atol=1e-6)
     slower = replace(fish, control_interval=0.03)
     random = chart.task_scenes(slower, fish.water, "swim")
     assert random.kinds[0] == "random actions in swim" and random.goals.shape[1] == 7
