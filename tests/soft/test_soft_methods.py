@@ -59,7 +59,7 @@ THINGS = {
 }  # fmt: skip
 GIVEN_STEP = [name for name in FIXED_STEP if INTEGRATORS[name].kind in ("explicit", "semi-implicit")]
 UNHURRIED = [("ring", "explicit_euler"), ("ring of 40", "explicit_euler"), ("sphere", "explicit_euler")]
-"""Where what grows at twice the own step grows too slowly to be seen in the steps of the test."""
+"""Where what grows at 2.5 times the own step grows too slowly to be seen in the steps of the test."""
 FEW = [("string", "rk4"), ("uniform sphere", "rk4")]
 """Where a control interval has two or three steps, and one fewer would be too few."""
 
@@ -67,10 +67,10 @@ FEW = [("string", "rk4"), ("uniform sphere", "rk4")]
 @pytest.mark.filterwarnings("ignore:.*will fail")
 @pytest.mark.parametrize("name", tiered(GIVEN_STEP, ("semi_implicit",)))
 @pytest.mark.parametrize("what", tiered(THINGS, ("ring", "finer sphere", "ball", "two_layer, reactive")))
-def test_own_step_is_stable_and_no_shorter_than_half_the_limit(what, name):
-    """A small disturbance of any body fades in 10,000 own steps of any method, and grows in steps 2.1 times as long."""
+def test_own_step_is_stable_and_near_the_limit(what, name):
+    """A small disturbance of any body fades in 10,000 own steps of any method, and grows in steps 2.5 times as long."""
     thing, energy = THINGS[what], []
-    for factor in (1.0, 2.1):
+    for factor in (1.0, 2.5):
         tank = Tank(thing, 1, name, factor * own_step(thing, INTEGRATORS[name]))
         v = 1e-6 * np.random.default_rng(0).normal(size=tank.velocity[0].shape) * (thing.body.inverse_mass > 0)
         tank.velocity[0] = v
