@@ -252,11 +252,12 @@ def contract(fish: Fish, dashpot: float) -> tuple[float, float]:
     tank.fix(front)
     if load is None:
         tank.fix(base, axes="y")
-    most, fastest, contraction = 0.0, 0.0, (fish.sides > 0).astype(float)[None]
+    held, fastest, contraction = [], 0.0, (fish.sides > 0).astype(float)[None]
     for _ in range(round(PULLING / tank.dt)):
         tank.drive(contraction, 1)
         if load is None:
-            most = max(most, abs(float(tank.reactions()[0, base, 1].sum())))
+            held.append(float(tank.reactions()[0, base, 1].sum()))
         else:
             fastest = max(fastest, abs(float(tank.velocity[0, base, 1].mean())))
-    return (most, 0.0) if load is None else (dashpot * fastest, fastest)
+    late = held[len(held) // 2 :]  # the front of a body that is held suddenly swings at first
+    return (abs(float(np.mean(late))), 0.0) if load is None else (dashpot * fastest, fastest)
