@@ -85,9 +85,9 @@ def wilson(share: float, trials: int) -> tuple[float, float]:
 
 def trials_of(scores: list[Scores], metric: str) -> int:
     """Number of episodes of one seed that a share is of; 0 for a metric that is no share of episodes."""
-    values = np.array([one[metric] for one in scores])
+    values = np.array([one[metric] for one in scores] if metric in SHARES else [[np.nan]])
     finite = np.isfinite(values)
-    return int(finite[0].sum()) if metric in SHARES and np.isin(values[finite], (0.0, 1.0)).all() else 0
+    return int(finite[0].sum()) if np.isin(values[finite], (0.0, 1.0)).all() else 0
 
 
 def interval(scores: list[Scores], metric: str, generator: np.random.Generator) -> Interval:
@@ -101,9 +101,9 @@ def interval(scores: list[Scores], metric: str, generator: np.random.Generator) 
 
 def summary(scores: Scores) -> dict[str, Any]:
     """The means of one policy's scores, and the 95 % intervals of the shares among them, both by metric."""
-    found = {name: interval([scores], name, np.random.default_rng(0)) for name in scores if name in SHARES}
-    ends = {name: [round(low, 3), round(high, 3)] for name, (value, low, high) in found.items() if value == value}
-    return {"means": means(scores), "intervals": ends}
+    shares = [name for name in scores if name in SHARES and np.isfinite(scores[name]).any()]
+    ends = {name: interval([scores], name, np.random.default_rng(0))[1:] for name in shares}
+    return {"means": means(scores), "intervals": {name: [round(end, 3) for end in ends[name]] for name in shares}}
 
 
 def _interval(scores: list[Scores], metric: str, draws: np.ndarray) -> Interval:

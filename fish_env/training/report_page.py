@@ -65,11 +65,6 @@ class Run:
     """The columns of curve.csv."""
     policy: Policy
 
-    @property
-    def steps(self) -> int:
-        """Number of environment steps at the end of the learning curve."""
-        return int(self.curve["timesteps"].max(initial=0.0))
-
 
 @dataclass(frozen=True, eq=False)
 class Group:
@@ -237,11 +232,10 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Any]], first_numbers: i
 def tabulate_runs(groups: Sequence[Group]) -> str:
     """Every run with its folder, seed, environment steps made and requested, seconds and commit."""
     rows = []
-    for group in groups:
-        for run in group.runs:
-            steps = f"{run.steps:,} of {run.record['config'].get('timesteps', 0):,}"
-            seconds = f"{run.curve['seconds'].max(initial=0.0):.0f}"
-            rows.append((group.label, str(run.folder), run.record["seed"], steps, seconds, run.record["commit"]))
+    for label, run in [(group.label, run) for group in groups for run in group.runs]:
+        steps, seconds = (run.curve[name].max(initial=0.0) for name in ("timesteps", "seconds"))
+        made = f"{steps:,.0f} of {run.record['config'].get('timesteps', 0):,}"
+        rows.append((label, run.folder, run.record["seed"], made, f"{seconds:.0f}", run.record["commit"]))
     return table(("group", "folder", "seed", "environment steps", "seconds", "commit"), rows, 2)
 
 
