@@ -51,7 +51,7 @@ class Job:
         if self.finished:
             return self.config.timesteps
         with suppress(ValueError, IndexError):  # there is no row yet, or none that can be read
-            return int(read_curve(self.folder)[-1][0])
+            return int(read_curve(self.folder)[-1]["timesteps"])
         return 0
 
     def check(self) -> None:

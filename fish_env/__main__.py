@@ -42,7 +42,6 @@ from fish_env.control.evaluation import (
     checked_episodes,
     environment_for,
     evaluate,
-    means,
 )
 from fish_env.control.files import writable_file, write_text
 from fish_env.control.film import write_film
@@ -51,7 +50,7 @@ from fish_env.control.policy import Policy, load_policy, shipped_policies
 from fish_env.control.printing import print_comparison, print_means
 from fish_env.control.recording import load_recording
 from fish_env.control.replaying import replay
-from fish_env.control.statistics import compare, same_environments
+from fish_env.control.statistics import compare, same_environments, summary
 from fish_env.envs.ahead import compile_ahead, stored_kernels
 from fish_env.envs.options import fish_for
 from fish_env.physics.world import checked_water
@@ -284,10 +283,10 @@ def evaluate_policies(arguments: argparse.Namespace) -> None:
     for name, policy in load_policies(arguments).items():
         env_id, options = environment_for(policy, changes)
         with closing(make_checked_batch(env_id, options, arguments.episodes)) as env:
-            found = means(evaluate(env, policy, arguments.seed))
+            scores = evaluate(env, policy, arguments.seed)
         about = {"env_id": env_id, "env_options": options, "policy": name, "episodes": arguments.episodes}
         simulated = {"body": None, "integrator": None, "dt": None, **changes}
-        records.append(about | {"first_seed": arguments.seed, **simulated, "means": found})
+        records.append(about | {"first_seed": arguments.seed, **simulated, **summary(scores)})
     for env_id in dict.fromkeys(record["env_id"] for record in records):
         print_means([record for record in records if record["env_id"] == env_id])
     if arguments.to is not None:

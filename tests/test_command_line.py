@@ -65,8 +65,9 @@ def test_evaluate(tmp_path, capsys, monkeypatch):
     wanted = means(evaluate(env, policy))
     record = json.loads(file.read_text())
     assert record["means"] == wanted and record["episodes"] == 2 and record["env_id"] == "FishEnv/Swim-v0"
-    printed = dict(line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("  "))
-    assert printed["speed"] == f"{wanted['speed']:.4g}"
+    printed = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines() if line.startswith("  "))
+    assert printed["speed"] == f"{wanted['speed']:.4g}" and printed["failed"] == "0 (0 to 0.658)"
+    assert record["intervals"] == {"failed": [0.0, 0.658]}
     arguments = ["evaluate", "swim", str(shipped_policy("swim")), "turn", "--episodes", "2", "--to", str(file)]
     monkeypatch.setattr(sys, "argv", ["train.py", *arguments])
     assert pytest.importorskip("train").main() == 0
@@ -91,7 +92,7 @@ def test_compare(capsys):
     assert found.difference.low > 0.0 or found.difference.high < 0.0
     assert re.split("  +", lines["heading_error"].strip()) == ["heading_error", *cells]
     assert command_line.main(["compare", "swim", "--integrator", "semi_implicit"]) == 0
-    assert "motor controllers        swim" in capsys.readouterr().out
+    assert re.search("motor controllers +swim\n", capsys.readouterr().out)
 
 
 def test_play(tmp_path, capsys):

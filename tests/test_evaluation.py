@@ -1,12 +1,14 @@
 """Trained policies, the gait and evaluation, without torch."""
 
 import json
+import math
 import warnings
 from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 import fish_env
 from fish_env.control import (
@@ -22,7 +24,9 @@ from fish_env.control import (
     record,
     shipped_policies,
     shipped_policy,
+    statistics,
 )
+from fish_env.control.statistics import Interval, interval, summary, wilson
 
 PAIRS = {"muscle_groups": "pairs"}
 SHORT = {"max_episode_steps": 25}
@@ -90,14 +94,58 @@ def test_policies_are_compared():
     env = make_policy_env("swim", 6, **SHORT)
     still = random_actions(env)
     found = compare("swim", lambda obs, time: 0.0 * still(obs, time), env)
-    for interval in (*found["speed"], *found["return"]):
-        assert interval.low <= interval.value <= interval.high
-    assert found["speed"].difference.low > 0.2 and found["failed"] == ((0.0,) * 3,) * 3
+    for one in (*found["speed"], *found["return"]):
+        assert one.low <= one.value <= one.high
+    assert found["speed"].difference.low > 0.2
+    share, high = (0.0, 0.0, wilson(0.0, 6)[1]), wilson(0.0, 6)[1]
+    assert found["failed"] == (share, share, (0.0, pytest.approx(-high), pytest.approx(high)))
     speed = evaluate(env, "swim")["speed"]
     assert found["speed"].policy.value == pytest.approx(speed.mean())
     assert found["speed"].difference.value == found["speed"].policy.value - found["speed"].other.value
     same = compare(["swim", "swim"], load_policy("swim"), env)["speed"]
     assert same.difference == (0.0, 0.0, 0.0) and same.other.value == found["speed"].policy.value
+
+
+@pytest.mark.parametrize(("count", "trials"), [(0, 100), (100, 100), (96, 100), (3, 7), (1, 1)])
+def test_interval_of_a_share(count, trials):
+    """One policy's is Wilson's; that of several seeds is no narrower, nor than what their spread says."""
+    ends = binomtest(count, trials).proportion_ci(method="wilson")
+    assert wilson(count / trials, trials) == pytest.approx((ends.low, ends.high), abs=1e-6)
+    scores = {"return": np.zeros(trials + 1), "success": np.r_[np.repeat([1.0, 0.0], [count, trials - count]), np.nan]}
+    one = (count / trials, *wilson(count / trials, trials))
+    assert interval([scores], "success", np.random.default_rng(0)) == pytest.approx(one)  # NaN is no trial
+    assert summary(scores)["intervals"] == {"success": [round(end, 3) for end in one[1:]]}
+    found = interval([scores] * 5, "success", np.random.default_rng(0))
+    assert found.value == pytest.approx(one[0]) and found.low <= one[1] + 1e-9 and found.high >= one[2] - 1e-9
+    spread = [scores, scores | {"success": np.zeros(trials + 1)}, scores | {"success": np.ones(trials + 1)}]
+    found = interval(spread, "success", np.random.default_rng(0))
+    assert found.low == pytest.approx(0.0) and found.high == pytest.approx(1.0)
+
+
+def test_shares_within_episodes_and_other_metrics_have_bootstrap_intervals():
+    """A share of 200 targets in ten episodes is known better than one of ten episodes; a speed of 1 is no share."""
+    scores = {"return": np.zeros(10), "success": np.full(10, 0.95), "speed": np.ones(10)}
+    scores["success"][0] = 0.9
+    found = interval([scores], "success", np.random.default_rng(0))
+    assert 0.9 < found.low < found.value < found.high <= 0.95 + 1e-12
+    assert f"{interval([scores], 'speed', np.random.default_rng(0))}" == "1" and f"{Interval(*(math.nan,) * 3)}" == "-"
+    assert str(found) == "0.945 (0.935 to 0.95)"
+
+
+def test_difference_of_shares(monkeypatch):
+    """It is that of Newcombe (1998, method 10) for independent episodes, and narrower for the same ones."""
+    first, second = (Interval(k / n, *wilson(k / n, n)) for k, n in ((56, 70), (48, 80)))
+    found = statistics.difference(first, second, np.zeros((9, 2)), True)
+    assert found == pytest.approx((0.2, 0.0524, 0.3339), abs=1e-4)
+    outcomes = {"a": np.arange(100) < 60, "alike": np.arange(100) < 58, "apart": np.arange(100) >= 42}
+    scores = {name: {"return": np.zeros(100), "success": values.astype(float)} for name, values in outcomes.items()}
+    monkeypatch.setattr(statistics, "evaluate", lambda env, policy, *rest: scores[policy(None, 0.0)])
+    alike, apart = (
+        compare(lambda obs, time: "a", lambda obs, time, name=name: name, stub())["success"].difference
+        for name in ("alike", "apart")
+    )
+    assert alike.value == apart.value == pytest.approx(0.02)
+    assert alike.high - alike.low < 0.1 < 0.3 < apart.high - apart.low
 
 
 def stub(**options):

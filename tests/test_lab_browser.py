@@ -10,6 +10,7 @@ Waiting is bounded by PATIENCE only: software rendering on a busy machine is slo
 import os
 import shutil
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -17,6 +18,7 @@ playwright = pytest.importorskip("playwright.sync_api", reason='needs pip instal
 
 from test_lab_server import PATIENCE, laboratory, sessions, until  # noqa: F401 - the fixtures
 
+from fish_env.control import record, write_film
 from fish_env.lab.session import SCENES
 
 pytestmark = pytest.mark.slow
@@ -113,6 +115,20 @@ def test_the_pointer_leads_the_fish(visit):
             visitor.watch(2)
             facing.append(visitor.session.scene.facing[0])
         assert side * np.ptp(np.unwrap(facing)) * np.sign(np.unwrap(facing)[-1] - facing[0]) > 0.2
+
+
+def test_film_on_a_phone(visit, tmp_path):
+    """Every view of a film can be chosen on a narrow screen, and no panel covers another one."""
+    path = write_film(record(gym.make("FishEnv/Avoid-v0", max_episode_steps=20), "avoid", 1), tmp_path / "film.html")
+    page = visit({"width": 342, "height": 524}).page  # as it is in a report
+    page.goto(path.as_uri())
+    page.wait_for_function("film.drawn > 0")
+    for view, pitch in (("Above", 1.55), ("Side", 0.05), ("Behind", 0.3)):
+        page.get_by_role("button", name=view, exact=True).click()
+        assert page.evaluate("film.pitch") == pitch
+    boxes = [page.locator(f"#{name}").bounding_box() for name in ("facts", "legend", "controls")]
+    assert boxes[0]["x"] + boxes[0]["width"] < boxes[1]["x"] and boxes[1]["x"] + boxes[1]["width"] <= 342
+    assert max(box["y"] + box["height"] for box in boxes[:2]) < boxes[2]["y"]
 
 
 @pytest.mark.parametrize("scene", SCENES)

@@ -33,7 +33,7 @@ from fish_env.kernels.compile import kernel, njit
 from fish_env.kernels.threads import Threads, defer_signals
 from fish_env.physics.tank_options import bytes_of
 from fish_env.soft.objects import OBJECTS
-from fish_env.training.run_folder import read_curve
+from fish_env.training.run_folder import CURVE, read_curve
 
 NAMES = [id.partition("/")[2][:-3] for id in ID.values()]
 METHODS = [name for name in ("fork", "spawn", "forkserver") if name in multiprocessing.get_all_start_methods()]
@@ -474,7 +474,7 @@ def read_run(folder):
     if (folder / "config.json").exists():
         assert json.loads((folder / "config.json").read_text())["config"]
     if (folder / "curve.csv").exists():
-        assert all(value >= 0.0 for row in read_curve(folder) for value in row)
+        assert all(value >= 0.0 for row in read_curve(folder) for name, value in row.items() if name in CURVE[:3])
     if (folder / "policy.npz").exists():
         load_policy(folder / "policy.npz")
     return PPO.load(folder / "model.zip", device="cpu").num_timesteps if (folder / "model.zip").exists() else 0

@@ -25,19 +25,29 @@ from moving import tiered
 from pages import ROOT
 from trainings import SHORT, torch, train_short, training
 
-pytest.importorskip("matplotlib")
+mpl = pytest.importorskip("matplotlib")
 
 
 import fish_env
 from agents import train_all
 from fish_env import __main__ as command_line
-from fish_env.control import evaluate, load_policy, make_eval_env, make_policy_env, record, shipped_policy
+from fish_env.control import (
+    evaluate,
+    load_policy,
+    make_eval_env,
+    make_policy_env,
+    random_actions,
+    record,
+    shipped_policy,
+)
 from fish_env.control.equivariant import reflection_of
+from fish_env.control.files import write_csv
 from fish_env.control.film import film_data
+from fish_env.control.statistics import SIGNED
 from fish_env.training import callbacks, report, report_charts, report_page
 from fish_env.training.build import export_policy, make_env, make_model, start_from
-from fish_env.training.config import CONFIGS, FINE_TUNING, PARENT, SCORES, Request, settings_for, settings_of
-from fish_env.training.run_folder import open_folder, read_curve
+from fish_env.training.config import CONFIGS, FINE_TUNING, PARENT, Request, settings_for, settings_of
+from fish_env.training.run_folder import CURVE, open_folder, read_curve
 from fish_env.training.synergy import synergies
 
 LONGER = {"timesteps": 2048}
@@ -108,6 +118,9 @@ def test_run_leaves_everything_behind(tmp_path, monkeypatch, capsys):
     assert saved["command"] == "fish_env train swim --seed 3 --timesteps 1024 --num-envs 8"
     printed = capsys.readouterr().out
     assert f"fish_env play {folder}" in printed and "best open-loop gait" in printed
+    last = read_curve(folder)[-1]
+    assert list(last) == [*CURVE, "term_progress", "term_effort", "term_sway", "term_failure"]
+    assert last["return"] == pytest.approx(sum(last[name] for name in last if name not in CURVE), abs=3e-4) != 0.0
 
 
 def test_same_seed_same_policy_whatever_the_clock_says(trained, tmp_path, monkeypatch):
@@ -126,7 +139,7 @@ def test_same_seed_same_policy_whatever_the_clock_says(trained, tmp_path, monkey
     one, same, other = (np.load(run / "policy.npz")["weight0"] for run in (trained, *runs))
     np.testing.assert_array_equal(one, same)
     assert (one != other).any()
-    seconds = [row[1] for run in runs for row in read_curve(run)]
+    seconds = [row["seconds"] for run in runs for row in read_curve(run)]
     assert seconds and all(0.0 <= value < 1000.0 for value in seconds)
 
 
@@ -151,10 +164,14 @@ def numbers_of(folder):
 
 
 def test_a_run_goes_on_where_it_was(run_copy, tmp_path, monkeypatch):
-    """Parameters, optimizer, learning rate and counts are those of `PPO.load`; the curve is cut to the model."""
+    """Parameters, optimizer, learning rate and counts are those of `PPO.load`; the curve is cut to the model.
+
+    A curve without the terms of the reward, as of older runs, goes on without them.
+    """
     before = shutil.copytree(run_copy, tmp_path / "before")
-    with (run_copy / "curve.csv").open("a") as file:
-        file.write("999999,9.0,1,0.0,0.0\n")
+    table = [line.split(",") for line in (run_copy / "curve.csv").read_text().splitlines()]
+    write_csv(run_copy / "curve.csv", [*table, ["999999", *table[-1][1:]]])
+    write_csv(before / "curve.csv", [row[: len(CURVE)] for row in table])
     train_short(changes=LONGER, resume=run_copy)
     load = lambda folder, config, env: training.PPO.load(before / "model.zip", env, device="cpu")  # noqa: E731
     monkeypatch.setattr(training, "load_model", load)
@@ -164,7 +181,8 @@ def test_a_run_goes_on_where_it_was(run_copy, tmp_path, monkeypatch):
     for name, value in one.items():
         assert torch.equal(value, other[name]), name
     assert [path.name for path in (run_copy / "tensorboard").iterdir()] == ["ppo_1"]
-    steps = [row[0] for row in read_curve(run_copy)]
+    assert all(tuple(row) == CURVE for row in read_curve(before))
+    steps = [row["timesteps"] for row in read_curve(run_copy)]
     assert steps == sorted(steps) and steps[-1] == 2048
     saved = json.loads((run_copy / "config.json").read_text())
     assert saved["resumed"] == 1 and saved["command"].endswith(f" --timesteps 2048 --num-envs 8 --resume {run_copy}")
@@ -603,8 +621,8 @@ def runs(tmp_path_factory):
         saved = {"task": "swim", "seed": seed, "config": config, "command": f"fish_env train swim --seed {seed}"}
         (root / name / "config.json").write_text(json.dumps(saved))
         shutil.copy(shipped_policy("swim"), root / name)
-        rows = [f"{1000 * k},{k},10,{gain * k},{2 * gain * k}" for k in range(1, 6)]
-        (root / name / "curve.csv").write_text("\n".join(["timesteps,seconds,episodes,score,return", *rows, ""]))
+        rows = [(1000 * k, k, 10, gain * k, 2 * gain * k, 3 * gain * k, -gain * k, 0.0) for k in range(1, 6)]
+        write_csv(root / name / "curve.csv", [(*CURVE, "term_progress", "term_effort", "term_sway"), *rows])
     return root
 
 
@@ -614,28 +632,37 @@ def sections(text):
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
-CHARTS = ("Learning curves", "Cost of transport", "Path", "Gait")
+CHARTS = ("Learning curves", "Path", "Gait")
 
 
 def test_page_of_a_run(runs, capsys):
-    """One run: settings, metrics, curve, failures, path, gait and film; nothing is loaded."""
+    """One run: film, metrics beside untrained controllers, curves, path, gait, failures, settings; nothing is loaded.
+
+    There is no curve of a term that is always zero, and no row of a metric that is always the same.
+    """
     assert command_line.main(["report", str(runs / "seed0"), "--episodes", "3"]) == 0
     path = runs / "seed0" / "report.html"
     assert f"written to {path}" in capsys.readouterr().out
     text = path.read_text()
     found = sections(text)
-    assert list(found) == ["swim: results", "Learning curves", "Cost of transport", "Failures", "Path", "Gait", "Film"]
-    assert all("<svg" in found[name] for name in CHARTS)
-    assert "speed, body lengths/s, in training" in found["Learning curves"]
+    assert list(found) == ["Film", "swim: results", *CHARTS, "Failures", "swim: the run"]
+    assert [found[name].count("<svg") for name in CHARTS] == [4, 1, 1]
+    for title in ("speed, BL/s", "return, per episode", "reward term progress", "reward term effort"):
+        assert f">{title}<" in found["Learning curves"], title
     assert "fish_env train swim --seed 0" in text and "<td>learning_rate</td>" in text
-    assert "seed 0: none of 3 episodes" in found["Failures"]
+    assert ">5,000 of 5,000<" in found["swim: the run"]
+    assert "trained policy: none of 3 episodes" in found["Failures"]
     assert "srcdoc=" in found["Film"] and "film_player" not in found["Film"]
     for loaded in ("http", 'src="', "@import", "<link"):
         assert loaded not in text, loaded
     assert len(text) < 3_000_000
     policy = report_page.read_run(runs / "seed0").policy
+    table = [re.findall(r"<t[hd].*?>(.*?)</t[hd]>", row) for row in found["swim: results"].split("<tr>")[1:]]
+    assert table[0] == ["metric", "trained policy", "random", "best open-loop gait", "motor controllers"]
     speed = evaluate(make_policy_env(policy, 3), policy)["speed"].mean()
-    assert f"<td>speed</td><td class=number>{speed:.3f} (" in found["swim: results"]
+    assert table[1][0] == "speed, BL/s" and table[1][1].startswith(f"{speed:.3g} (")
+    rows = {row[0]: row[1:] for row in table}
+    assert rows["failed, %"] == ["0 (0 to 56.1)"] * 4 and "seconds" not in rows
 
 
 def test_page_of_several_runs(runs, tmp_path, monkeypatch):
@@ -667,15 +694,33 @@ def test_a_page_that_cannot_be_written(runs, tmp_path):
         with pytest.raises(ValueError, match=message):
             report_page.write_report(folders, **{"path": page} | options)
     shutil.copytree(runs / "seed0", bad)
-    (bad / "curve.csv").write_text("timesteps,seconds,episodes,score,return\n")
+    write_csv(bad / "curve.csv", [CURVE])
     assert not page.exists() and report_page.write_report([bad], page, 2).exists()  # interrupted before the first row
 
 
-@pytest.mark.parametrize("score", sorted({*SCORES.values(), "return"}))
-def test_every_score_has_a_unit(score):
-    """The learning curve of every task can be drawn; that of an environment of another package is the return."""
-    curve = {"timesteps": np.array([100.0, 200.0]), "score": np.ones(2), "return": np.ones(2)}
-    assert "return, per episode, in training" in report_charts.draw_learning_curves([("mine", [curve])], score)
+@pytest.mark.parametrize("score", ["return", "speed", "success"])
+def test_learning_curves(score):
+    """A small change looks small, as axes have zero. Shares are in per cent. The return as the score has one chart."""
+    curve = {"timesteps": np.array([1e6, 2e6]), "score": np.array([1.0138, 1.015]), "return": -np.ones(2)}
+    with mpl.rc_context(report_charts.STYLE):
+        pictures = report_charts.draw_learning_curves([[curve]], score)
+    found = {}
+    for picture in pictures:
+        *words, title = re.findall(r">([^<>]*)</text>", picture)
+        found[title] = [float(word.replace("\u2212", "-")) for word in words[words.index("environment steps") + 1 :]]
+    assert list(found) == list(dict.fromkeys([report_charts.shown(score)[0], "return, per episode"]))
+    assert all(0.0 in ticks for ticks in found.values())
+    assert max(next(iter(found.values()))) == {"return": 0.0, "speed": 1.0, "success": 100.0}[score]
+
+
+@pytest.mark.parametrize("id, keywords", [
+    *((config.env_id, {}) for config in CONFIGS.values()),
+    ("FishEnv/Swim-v0", {"speed": 1.0}), ("FishEnv/Target-v0", {"goal_env": True}),
+])  # fmt: skip
+def test_every_metric_has_a_unit(id, keywords):
+    """Those of every task, but for what is its own unit and what has no meaningful mean."""
+    env = make_eval_env(id, 1, keywords)
+    assert evaluate(env, random_actions(env)).keys() - report_charts.UNITS.keys() <= {"seconds", *SIGNED}
 
 
 def test_failures_are_counted_and_listed(runs):

@@ -59,7 +59,8 @@ UNITS = {
     "speed": "BL/s", "frequency": "Hz", "sweep": "BL", "nose over tail": "", "Strouhal": "", "work": "J/kg/m",
     "angle": "degrees", "kept": "degrees", "rate": "degrees/s", "radius": "BL", "lag": "s", "way back": "degrees",
     "acceleration": "m/s2", "best angle": "degrees", "best snout": "degrees", "best distance": "BL",
-    "best acceleration": "m/s2", "deceleration": "m/s2", "drag coefficient": "", "drift": "BL", "heading": "degrees", "carried": "",
+    "best acceleration": "m/s2", "deceleration": "m/s2", "drag coefficient": "", "drift": "BL", "heading": "degrees",
+    "carried": "",
 }  # fmt: skip
 
 

@@ -8,8 +8,6 @@ it is counted. The cost is the processor time of a control interval of one fish 
 from start to end, median of repeats.
 """
 
-import csv
-import io
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +21,7 @@ import numpy as np
 
 from fish_env.bodies import Fish
 from fish_env.control.evaluation import as_controller, make_policy_env
-from fish_env.control.files import replacing, writable_file, write_text
+from fish_env.control.files import replacing, writable_file, write_csv
 from fish_env.control.gait import Gait
 from fish_env.control.policy import shipped_policy
 from fish_env.control.sequencer import random_actions
@@ -372,11 +370,7 @@ def chart(fish: Fish, world: World, path: str | Path, error: float = 0.01, task:
         truth = reference(scenes, 64, max(error / 1000, 1e-8))
         rows = [measure(scenes, truth, line, BATCH)[0] for line in tqdm(tried, fish.name)]
     best, sentence = recommend(scenes, rows, error)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, rows[0].keys(), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(path.with_suffix(".csv"), text.getvalue())
+    write_csv(path.with_suffix(".csv"), [rows[0], *(row.values() for row in rows)])
     figure = Figure(figsize=(7.5, 5.5), layout="constrained")
     panel = figure.subplots()
     draw_errors(panel, rows)

@@ -6,21 +6,23 @@ from pathlib import Path
 from typing import Any
 
 from fish_env.control.evaluation import EPISODES, FIRST_SEED
-from fish_env.control.statistics import Comparison
+from fish_env.control.statistics import SIGNED, Comparison, Interval
 
 
 def print_means(records: list[dict]) -> None:
     """Print the metrics of policies in environments of one id, a row each, and a column for each policy.
 
     Args:
-        records: each with `policy` (its name), `env_id`, `env_options`, `means`, `episodes` and `first_seed`.
+        records: each with `policy` (its name), `env_id`, `env_options`, `means`, `intervals` (of shares), `episodes`
+            and `first_seed`.
     """
     rows = {}
     for metric in dict.fromkeys(metric for record in records for metric in record["means"]):
-        values = [record["means"].get(metric) for record in records]
-        rows[metric] = ["-" if value is None else f"{value:.4g}" for value in values]
+        values = [math.nan if record["means"].get(metric) is None else record["means"][metric] for record in records]
+        ends = [record["intervals"].get(metric, (value, value)) for record, value in zip(records, values, strict=True)]
+        rows[metric] = [f"{Interval(value, *at):.4g}" for value, at in zip(values, ends, strict=True)]
     environments = [(record["env_id"], record["env_options"]) for record in records]
-    about = f"{records[0]['episodes']} episodes, seeds from {records[0]['first_seed']}"
+    about = f"{records[0]['episodes']} episodes, seeds from {records[0]['first_seed']}; shares with 95 % intervals"
     _print_table(environments, [record["policy"] for record in records], about, rows)
 
 
@@ -28,10 +30,7 @@ def print_comparison(
     environments: Sequence[tuple[str, dict[str, Any]]], names: Sequence[str], found: Mapping[str, Comparison]
 ) -> None:
     """Print what `compare` found about two policies of these names: means and their difference, with intervals."""
-    rows = {
-        metric: [f"{v:.4g} ({low:.4g} to {high:.4g})" if math.isfinite(v) else "-" for v, low, high in every]
-        for metric, every in found.items()
-    }
+    rows = {metric: [f"{one:.4g}" for one in every] for metric, every in found.items()}
     about = f"{EPISODES} episodes, seeds from {FIRST_SEED}, with 95 % intervals"
     _print_table(environments, names, about, rows, "difference")
 
@@ -51,6 +50,7 @@ def _print_table(
     for name, text in () if same else zip(short, texts, strict=True):
         print(f"  {name}: {text or 'no options'}")
     heads = [*short, *others]
+    rows = {metric: cells for metric, cells in rows.items() if metric not in SIGNED}
     columns = zip(heads, *rows.values(), strict=True)
     widths = [max(12, 2 + max(len(cell) for cell in column)) for column in columns]
     for label, cells in {**({"": heads} if len(heads) > 1 else {}), **rows}.items():

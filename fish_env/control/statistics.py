@@ -1,11 +1,15 @@
-"""Policies compared: means over seeds and episodes with bootstrap intervals.
+"""Policies compared: means over seeds and episodes with 95 % intervals.
 
 Interquartile means over runs, as Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice"
 (2021), recommend; of a multiple of four runs they are those of their library rliable.
+
+Intervals are those of the bootstrap, but a share of one policy's episodes has its Wilson score interval. Over several
+seeds it has the bootstrap's, widened to Wilson's for the episodes of one seed, as all seeds run the same episodes.
 """
 
 import inspect
 import json
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import closing, nullcontext
 from pathlib import Path
@@ -15,25 +19,34 @@ import gymnasium as gym
 import numpy as np
 
 from fish_env.control.env_spec import make_checked_batch
-from fish_env.control.evaluation import EPISODES, FIRST_SEED, PolicyLike, Scores, environment_for, evaluate
+from fish_env.control.evaluation import EPISODES, FIRST_SEED, PolicyLike, Scores, environment_for, evaluate, means
 from fish_env.control.policy import Policy, load_policy
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.episode import Episodes
 
 RESAMPLES = 2000
+NORMAL = 1.959964  # standard deviations within which 95 % of a normal distribution lie
+SHARES = frozenset({"success", "settled", "avoided", "avoided_possible", "passed", "reached", "failed"})
+"""Metrics that are shares: of episodes where each is 0 or 1, or means of shares within episodes."""
+SIGNED = frozenset({"turn"})
+"""Metrics whose sign is a side: their means say nothing, and tables leave them out."""
 INTERFACE_OPTIONS = {"observation", "history", "muscle_groups", "privileged", "control_interval", "max_episode_steps"}
 """Keywords that only say what a policy sees and how it acts: policies that differ in them meet the same episodes."""
 
 
 class Interval(NamedTuple):
-    """A mean and the ends of its 95 % bootstrap interval; NaN where a metric is undefined in all episodes."""
+    """A mean and the ends of its 95 % interval; NaN where a metric is undefined in all episodes."""
 
     value: float
     low: float
     high: float
 
+    def __format__(self, digits: str) -> str:
+        value, low, high = (format(number, digits or ".3g") for number in self)
+        return "-" if math.isnan(self.value) else value if low == value == high else f"{value} ({low} to {high})"
+
     def __str__(self) -> str:
-        return f"{self.value:.3g} ({self.low:.3g} to {self.high:.3g})"
+        return format(self)
 
 
 class Comparison(NamedTuple):
@@ -63,20 +76,65 @@ def interquartile_mean(values: np.ndarray) -> float:
     return float(weight @ values / weight.sum())
 
 
+def wilson(share: float, trials: int) -> tuple[float, float]:
+    """Ends of the 95 % score interval of a share of so many trials (Wilson 1927)."""
+    wider = NORMAL**2 / trials
+    middle, half = share + wider / 2, math.sqrt(wider * (share * (1 - share) + wider / 4))
+    return min(share, max(0.0, (middle - half) / (1 + wider))), max(share, min(1.0, (middle + half) / (1 + wider)))
+
+
+def trials_of(scores: list[Scores], metric: str) -> int:
+    """Number of episodes of one seed that a share is of; 0 for a metric that is no share of episodes."""
+    values = np.array([one[metric] for one in scores] if metric in SHARES else [[np.nan]])
+    finite = np.isfinite(values)
+    return int(finite[0].sum()) if np.isin(values[finite], (0.0, 1.0)).all() else 0
+
+
 def interval(scores: list[Scores], metric: str, generator: np.random.Generator) -> Interval:
-    """Interquartile mean over seeds of their means, and its 95 % bootstrap interval.
+    """Interquartile mean over seeds of their means, and its 95 % interval.
 
-    Each resample draws seeds with replacement, and episodes, the same for all seeds, since all seeds were evaluated on
-    the same ones. A method without seeds only draws episodes.
+    Each resample of the bootstrap draws seeds with replacement, and episodes, the same for all seeds, since all seeds
+    were evaluated on the same ones. A method without seeds only draws episodes.
     """
-    return _interval(mean_over_seeds(scores, metric), resampled_means([scores], metric, generator)[:, 0])
+    return _interval(scores, metric, resampled_means([scores], metric, generator)[:, 0])
 
 
-def _interval(value: float, draws: np.ndarray) -> Interval:
-    """A value and the 95 % interval of its resamples."""
+def summary(scores: Scores) -> dict[str, Any]:
+    """The means of one policy's scores, and the 95 % intervals of the shares among them, both by metric."""
+    shares = [name for name in scores if name in SHARES and np.isfinite(scores[name]).any()]
+    ends = {name: interval([scores], name, np.random.default_rng(0))[1:] for name in shares}
+    return {"means": means(scores), "intervals": {name: [round(end, 3) for end in ends[name]] for name in shares}}
+
+
+def _interval(scores: list[Scores], metric: str, draws: np.ndarray) -> Interval:
+    """The interquartile mean of a metric over seeds, with its interval by resamples and, of a share, by `wilson`."""
+    value, trials, (low, high) = mean_over_seeds(scores, metric), trials_of(scores, metric), _ends(draws)
+    if trials:
+        below, above = wilson(value, trials)
+        low, high = (below, above) if len(scores) == 1 else (min(low, below), max(high, above))
+    return Interval(value, low, high)
+
+
+def _ends(draws: np.ndarray) -> tuple[float, float]:
+    """Ends of the 95 % interval of resamples."""
     draws = draws[np.isfinite(draws)]
     low, high = np.quantile(draws, [0.025, 0.975]) if draws.size else (np.nan, np.nan)
-    return Interval(value, float(low), float(high))
+    return float(low), float(high)
+
+
+def difference(first: Interval, second: Interval, draws: np.ndarray, shares: bool) -> Interval:
+    """Difference of two means with its interval, by their resamples (R,2).
+
+    That of shares is by both intervals and the correlation of the resamples (Zou & Donner 2008).
+    """
+    value = first.value - second.value
+    if not shares:
+        return Interval(value, *_ends(draws[:, 0] - draws[:, 1]))
+    draws = draws[np.isfinite(draws).all(axis=1)]
+    correlation = np.corrcoef(draws.T)[0, 1] if draws.std(axis=0).all() else 0.0
+    one, other = np.subtract(first.value, first[1:]), np.subtract(second.value, second[:0:-1])
+    below, above = np.sqrt(np.maximum(0.0, one**2 + other**2 + 2.0 * correlation * one * other)).tolist()
+    return Interval(value, value - below, value + above)
 
 
 def mean_over_seeds(scores: list[Scores], metric: str) -> float:
@@ -122,7 +180,7 @@ def compare(
 
     Returns:
         For every metric its mean and interval for both, and for their difference: interquartile means over the policies
-        of a list of their means over episodes, with bootstrap intervals over both. The resamples are seeded.
+        of a list of their means over episodes, with the 95 % intervals of this module. The resamples are seeded.
 
     Raises:
         FileNotFoundError: if there is no such policy.
@@ -145,12 +203,9 @@ def compare(
     scores = [results[: len(groups[0])], results[len(groups[0]) :]]
     for metric in scores[0][0]:
         draws = resampled_means(scores, metric, np.random.default_rng(0))
-        first, second = (mean_over_seeds(group, metric) for group in scores)
-        found[metric] = Comparison(
-            _interval(first, draws[:, 0]),
-            _interval(second, draws[:, 1]),
-            _interval(first - second, draws[:, 0] - draws[:, 1]),
-        )
+        first, second = (_interval(group, metric, draws[:, g]) for g, group in enumerate(scores))
+        shares = all(trials_of(group, metric) for group in scores)
+        found[metric] = Comparison(first, second, difference(first, second, draws, shares))
     return found
 
 

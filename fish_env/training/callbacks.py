@@ -11,9 +11,10 @@ from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
 from fish_env.control.evaluation import mostly_failed
-from fish_env.control.files import replacing, write_text
-from fish_env.training.run_folder import CURVE, read_curve
+from fish_env.control.files import replacing, write_csv
+from fish_env.training.run_folder import CURVE, TERM, read_curve
 
+DIGITS = {"timesteps": ".0f", "seconds": ".1f", "episodes": ".0f"}
 MIN_EPISODES = 20  # episodes after which it is said that most have failed
 
 
@@ -63,7 +64,7 @@ class Progress(BaseCallback):
 
 
 class LearningCurve(BaseCallback):
-    """Appends a row of `CURVE`, of the episodes ended since the last one, to curve.csv.
+    """Appends a row to curve.csv, of the episodes ended since the last one: `CURVE` and the terms of the reward.
 
     All their metrics go to TensorBoard.
 
@@ -79,8 +80,8 @@ class LearningCurve(BaseCallback):
 
     def _on_training_start(self) -> None:
         trained = self.num_timesteps  # rows beyond are of steps that the model was not trained on
-        self._rows = [row for row in read_curve(self.folder) if row[0] <= trained]
-        self._infos, self._start = [], time.perf_counter() - (self._rows[-1][1] if self._rows else 0.0)
+        self._rows = [row for row in read_curve(self.folder) if row["timesteps"] <= trained]
+        self._infos, self._start = [], time.perf_counter() - (self._rows[-1]["seconds"] if self._rows else 0.0)
         self._write()
 
     def _on_step(self) -> bool:
@@ -101,17 +102,20 @@ class LearningCurve(BaseCallback):
             values = [float(info[name]) for info in self._infos if isinstance(info.get(name), int | float)]
             if finite := [value for value in values if np.isfinite(value)]:
                 self.logger.record(f"episode/{name}", float(np.mean(finite)))
-        total = sum(sum(info["terms"].values()) for info in self._infos) / count
+        terms = {
+            TERM + name: sum(info["terms"][name] for info in self._infos) / count for name in self._infos[0]["terms"]
+        }
+        total = sum(terms.values())
         score = total if self.score == "return" else float(np.mean([info[self.score] for info in self._infos]))
-        self._rows.append([self.num_timesteps, time.perf_counter() - self._start, count, score, total])
+        row = zip(CURVE, (self.num_timesteps, time.perf_counter() - self._start, count, score, total), strict=True)
+        self._rows.append({**dict(row), **terms})
         self._infos = []
         self._write()
 
     def _write(self) -> None:
-        rows = [
-            f"{int(t)},{seconds:.1f},{int(n)},{score:.4f},{total:.4f}" for t, seconds, n, score, total in self._rows
-        ]
-        write_text(self.folder / "curve.csv", "\n".join([",".join(CURVE), *rows, ""]))
+        names = self._rows[0] if self._rows else CURVE  # a resumed run keeps its columns
+        rows = [[f"{row[name]:{DIGITS.get(name, '.4f')}}" for name in names] for row in self._rows]
+        write_csv(self.folder / "curve.csv", [names, *rows])
 
 
 class Checkpoint(BaseCallback):

@@ -16,7 +16,6 @@ from fish_env.control import (
     evaluate,
     gait_controller,
     load_policy,
-    means,
     random_actions,
     scripted,
 )
@@ -24,6 +23,7 @@ from fish_env.control.env_spec import make_checked_batch
 from fish_env.control.evaluation import environment_for
 from fish_env.control.files import write_text
 from fish_env.control.printing import print_means
+from fish_env.control.statistics import summary
 from fish_env.envs import FishVectorEnv
 from fish_env.training.config import TrainConfig
 
@@ -45,7 +45,7 @@ def measure_policy(name: str, policy: Policy, with_baselines: bool, changes: Map
     about = {"env_id": env_id, "env_options": options, "episodes": EPISODES, "first_seed": FIRST_SEED}
     with closing(make_checked_batch(env_id, options, EPISODES)) as env:
         every = (baselines(env) if with_baselines else {}) | {name: policy}
-        return [about | {"policy": one, "means": means(evaluate(env, act))} for one, act in every.items()]
+        return [about | {"policy": one, **summary(evaluate(env, act))} for one, act in every.items()]
 
 
 def report(folder: Path, config: TrainConfig, pictures: bool = True) -> None:

@@ -28,22 +28,30 @@ from fish_env.control.env_spec import make_checked_env
 from fish_env.control.evaluation import environment_for
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.film import FilmEpisode, film_data, film_text
-from fish_env.control.statistics import interval
+from fish_env.control.statistics import SHARES, SIGNED, Interval, interval
 from fish_env.kernels.data import data
 from fish_env.training import report_charts as charts
 from fish_env.training.config import SCORES
+from fish_env.training.report import baselines
 from fish_env.training.run_folder import CURVE, read_curve, read_record
 
 FILES = ("config.json", "curve.csv", "policy.npz")
 TEMPLATE = data("fish_env.training", "report_page.html")
 RECORDED = 3  # episodes whose motion is drawn
 WORST = 5  # episodes that are listed
+MEANS = (
+    "Means over episodes with 95 % intervals: Wilson score intervals of shares, bootstrap intervals of all else. "
+    "The controllers without learning run the same episodes."
+)
+CURVES = "Means per episode in training, with exploration noise. The terms of the reward add up to the return."
+SEEDS = " Thin lines are seeds, and bold ones their interquartile means, as in the table."
+PATHS = (
+    f"From above, the first {RECORDED} episodes: a dot is the end. Circles are targets, grey areas those of obstacles."
+)
 GAIT = (
     "How far each muscle is contracted in the first episode: those of the left side (L), then those of the right (R), "
     "upper (u) and lower (l), each from the head (1) to the tail."
 )
-COST = "Work of the muscles per mass and path, against the speed: a dot is an episode. Lower is cheaper."
-SEEDS = "In training, with exploration noise. Bold lines are interquartile means over seeds, thin lines are seeds."
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +64,6 @@ class Run:
     curve: dict[str, np.ndarray]
     """The columns of curve.csv."""
     policy: Policy
-
-    @property
-    def steps(self) -> int:
-        """Number of environment steps at the end of the learning curve."""
-        return int(self.curve["timesteps"].max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +78,8 @@ class Group:
     """Recordings of the first run."""
     motions: list[charts.Motion]
     fish: Fish
+    untrained: dict[str, Scores]
+    """Of the controllers without learning, in the environment of the first run."""
 
 
 def write_report(folders: Sequence[str | Path], path: Path | None = None, episodes: int = EPISODES) -> Path:
@@ -123,9 +128,10 @@ def read_run(folder: str | Path) -> Run:
     if missing := [name for name in FILES if not (folder / name).is_file()]:
         what = f"holds no {', '.join(missing)}" if folder.is_dir() else "is not a folder"
         raise ValueError(f"{folder} is not a training run: it {what}; give a folder that `fish_env train` has written")
-    saved, rows = read_record(folder), np.reshape(read_curve(folder), (-1, len(CURVE)))
+    saved, rows = read_record(folder), read_curve(folder)
     policy = load_policy(folder / "policy.npz", saved["config"]["env_id"])
-    return Run(folder, saved, dict(zip(CURVE, rows.T, strict=True)), policy)
+    curve = {name: np.array([row[name] for row in rows]) for name in (rows[0] if rows else CURVE)}
+    return Run(folder, saved, curve, policy)
 
 
 def group_runs(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
@@ -140,7 +146,7 @@ def group_runs(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
     if len(found) > len(charts.COLOURS):
         raise ValueError(f"the runs have {len(found)} different settings; compare at most {len(charts.COLOURS)}")
     if len(found) == 1:
-        return [(f"seed {runs[0].record['seed']}" if len(runs) == 1 else "all seeds", list(runs))]
+        return [("trained policy" if len(runs) == 1 else "all seeds", list(runs))]
     settings = [flatten(same[0].record["config"] | {"start": same[0].record["start"]}) for same in found.values()]
     labels = [
         ", ".join(f"{name.rpartition('.')[2]} {value}" for name, value in each.items()
@@ -160,15 +166,16 @@ def flatten(settings: dict[str, Any], before: str = "") -> dict[str, Any]:
 
 def measure_group(label: str, runs: list[Run], count: int) -> Group:
     """Evaluate the runs of a group in `count` episodes on the fixed seeds, and record a few of the first run."""
-    episodes = []
+    episodes, untrained = [], {}
     for run in runs:
         with closing(make_policy_env(run.policy, count)) as batch:
             episodes.append(evaluate(batch, run.policy))
+            untrained = untrained or {name: evaluate(batch, act) for name, act in baselines(batch).items()}
     with closing(make_checked_env(*environment_for(runs[0].policy, {}))) as env:
         recordings = [record(env, runs[0].policy, FIRST_SEED + k) for k in range(RECORDED)]
     film = film_data(recordings)
     motions = [measure_motion(*pair, film.fish) for pair in zip(recordings, film.episodes, strict=True)]
-    return Group(label, runs, episodes, recordings, motions, film.fish)
+    return Group(label, runs, episodes, recordings, motions, film.fish, untrained)
 
 
 def measure_motion(recording: Recording, one: FilmEpisode, fish: Fish) -> charts.Motion:
@@ -184,24 +191,26 @@ def measure_motion(recording: Recording, one: FilmEpisode, fish: Fish) -> charts
 
 def write_section(task: str, groups: list[Group], alone: bool) -> str:
     """Everything about the runs of a task; `alone` for a single run, whose settings and film are shown too."""
-    curves = [(group.label, [run.curve for run in group.runs]) for group in groups]
-    gaits = charts.draw_gaits([(group.label, group.motions[0]) for group in groups], *order_muscles(groups[0].fish))
-    paths = charts.draw_paths([(group.label, group.motions) for group in groups], task.startswith("target"))
-    costs = charts.draw_costs([(group.label, group.episodes) for group in groups])
-    score = SCORES.get(task, "return")
+    score, several = SCORES.get(task, "return"), any(len(group.runs) > 1 for group in groups)
+    keys = [note(f'<span style="color: {colour}">&#9632; {escape(group.label)}</span>')
+            for colour, group in zip(charts.COLOURS, groups, strict=False)] if len(groups) > 1 else [""]  # fmt: skip
+    key = "".join(keys)
+    curves = charts.draw_learning_curves([[run.curve for run in group.runs] for group in groups], score)
+    paths = charts.draw_paths([group.motions for group in groups], task.startswith("target"))
+    gaits = [charts.draw_gait(group.motions[0], *order_muscles(group.fish)) for group in groups]
+    runs = f"<h2>{escape(task)}: the run{'s' * (not alone)}</h2>{tabulate_runs(groups)}"
     parts = [
-        describe_run(groups[0].runs[0]) if alone else f"<h2>{escape(task)}: the runs</h2>{tabulate_runs(groups)}",
-        f"<h2>{escape(task)}: results</h2>{tabulate_metrics(groups)}",
-        f"<h2>Learning curves</h2>{note(SEEDS)}{charts.draw_learning_curves(curves, score)}",
-        f"<h2>Cost of transport</h2>{note(COST)}{costs}",
-        f"<h2>Failures</h2>{''.join(list_failures(group) for group in groups)}",
-        f"<h2>Path</h2>{note(f'From above, the first {RECORDED} episodes; a dot is the end.')}{paths}",
-        f"<h2>Gait</h2>{note(GAIT)}{gaits}",
+        f"<h2>{escape(task)}: results</h2>{tabulate_metrics(groups, score)}{note(MEANS)}",
+        f"<h2>Learning curves</h2>{note(CURVES + SEEDS * several)}{key}",
+        f'<div class="charts">{"".join(f"<div>{curve}</div>" for curve in curves)}</div>',
+        f'<div class="charts"><section><h2>Path</h2>{note(PATHS)}{key}{paths}</section>',
+        f"<section><h2>Gait</h2>{note(GAIT)}{''.join(map(''.join, zip(keys, gaits, strict=True)))}</section>",
+        f"<section><h2>Failures</h2>{''.join(list_failures(group) for group in groups)}</section></div>",
     ]
-    if alone:
-        film = escape(film_text(groups[0].recordings))
-        parts.append(f'<h2>Film</h2><iframe title="film of the episodes" srcdoc="{film}"></iframe>')
-    return "".join(parts)
+    if not alone:
+        return "".join([runs, *parts])
+    film = f'<iframe title="film of the episodes" srcdoc="{escape(film_text(groups[0].recordings))}"></iframe>'
+    return "".join(["<h2>Film</h2>", film, *parts, runs, list_settings(groups[0].runs[0].record)])
 
 
 def note(text: str) -> str:
@@ -221,37 +230,42 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Any]], first_numbers: i
 
 
 def tabulate_runs(groups: Sequence[Group]) -> str:
-    """Every run with its folder, seed and length."""
-    rows = [(group.label, str(run.folder), run.record["seed"], f"{run.steps:,}", run.record["commit"])
-            for group in groups for run in group.runs]  # fmt: skip
-    return table(("group", "folder", "seed", "environment steps", "commit"), rows, 2)
+    """Every run with its folder, seed, environment steps made and requested, seconds and commit."""
+    rows = []
+    for label, run in [(group.label, run) for group in groups for run in group.runs]:
+        steps, seconds = (run.curve[name].max(initial=0.0) for name in ("timesteps", "seconds"))
+        made = f"{steps:,.0f} of {run.record['config'].get('timesteps', 0):,}"
+        rows.append((label, run.folder, run.record["seed"], made, f"{seconds:.0f}", run.record["commit"]))
+    return table(("group", "folder", "seed", "environment steps", "seconds", "commit"), rows, 2)
 
 
-def describe_run(run: Run) -> str:
-    """Command, commit and settings of a run."""
-    record, wanted = run.record, run.record["config"].get("timesteps", 0)
-    short = f' <span class="bad">Interrupted: {wanted:,} were asked for.</span>' if run.steps < 0.9 * wanted else ""
-    seconds = run.curve["seconds"].max(initial=0.0)
+def list_settings(record: dict[str, Any]) -> str:
+    """Command, settings and versions of a run."""
     rows = [*flatten(record["config"]).items(), *flatten(record["versions"], "version of ").items()]
     return (
         f"<p><code>{escape(record['command'])}</code></p>"
-        f"<p>{run.steps:,} environment steps in {seconds:.0f} s, commit {escape(record['commit'])}.{short}</p>"
         f"<details><summary>Settings and versions</summary>{table(('setting', 'value'), rows, 9)}</details>"
     )
 
 
-def tabulate_metrics(groups: Sequence[Group]) -> str:
-    """The metrics, a row each, with intervals over seeds and episodes."""
-    rows, names = [], [*groups[0].episodes[0]]
-    for name in [*names, "time_per_target"] if "targets" in names else names:
-        cells = []
-        for group in groups:
-            middle, low, high = interval(group.episodes, name, np.random.default_rng(0))
-            cells.append(f"{middle:.3f} ({low:.3f} to {high:.3f})" if np.isfinite(middle) else "-")
-        rows.append((name, *cells))
-    text = "Interquartile means over seeds of the means over episodes; 95 % bootstrap intervals over both."
-    labels = [f"{g.label} ({len(g.runs)} seeds)" if len(g.runs) > 1 else g.label for g in groups]
-    return note(text) + table(("metric", *labels), rows)
+def tabulate_metrics(groups: Sequence[Group], score: str) -> str:
+    """The metrics, a row each, the score first, of the groups and of the controllers without learning, with intervals.
+
+    Metrics whose mean says nothing are left out: signed ones, and those that are undefined or the same in all episodes.
+    """
+    columns = [(f"{g.label} ({len(g.runs)} seeds)" if len(g.runs) > 1 else g.label, g.episodes) for g in groups]
+    untrained = {(name, scores["return"].tobytes()): (name, f"{name}, {group.label}", [scores])
+                 for group in reversed(groups) for name, scores in group.untrained.items()}  # fmt: skip
+    several, rows = len(untrained) > len(groups[0].untrained), []  # environments
+    columns += [(long if several else short, scores) for short, long, scores in untrained.values()]
+    for metric in dict.fromkeys([score, *groups[0].episodes[0]]):
+        values = np.concatenate([scores[metric] for _, episodes in columns for scores in episodes])
+        values = values[np.isfinite(values)]
+        if metric not in SIGNED and values.size and (metric in SHARES or np.ptp(values)):
+            name, times = charts.shown(metric)
+            found = [interval(episodes, metric, np.random.default_rng(0)) for _, episodes in columns]
+            rows.append((name, *(Interval(*(times * number for number in one)) for one in found)))
+    return table(("metric", *(label for label, _ in columns)), rows)
 
 
 def list_failures(group: Group) -> str:

@@ -21,7 +21,8 @@ except ImportError:  # Windows
     fcntl = None
 
 PACKAGES = ("fish_env", "gymnasium", "numpy", "numba", "stable_baselines3", "torch")
-CURVE = ("timesteps", "seconds", "episodes", "score", "return")
+CURVE, TERM = ("timesteps", "seconds", "episodes", "score", "return"), "term_"
+"""Columns of curve.csv, and the beginning of the names of those for the terms of the reward, which follow."""
 OPTIONAL = {"resumed": 0, "versions": {}, "start": None, "command": "", "commit": "unknown"}
 """Fields of config.json that may be missing, with their values then."""
 
@@ -103,8 +104,8 @@ def read_record(folder: Path, task: str | None = None) -> dict[str, Any]:
     return record
 
 
-def read_curve(folder: Path) -> list[list[float]]:
-    """The rows of curve.csv of a run, numbers in the order of `CURVE`; none without the file.
+def read_curve(folder: Path) -> list[dict[str, float]]:
+    """The rows of curve.csv of a run, numbers by column: `CURVE` and terms of the reward; none without the file.
 
     Raises:
         ValueError: if it is not such a table.
@@ -113,9 +114,10 @@ def read_curve(folder: Path) -> list[list[float]]:
     try:
         with path.open(newline="") as file:
             head, *rows = csv.reader(file)
-        if tuple(head) != CURVE or any(len(row) != len(CURVE) for row in rows):
+        count, terms = len(CURVE), (name.startswith(TERM) for name in head[len(CURVE) :])
+        if tuple(head[:count]) != CURVE or not all(terms) or any(len(row) != len(head) for row in rows):
             raise ValueError(f"its head is {head!r:.100}, or a row is cut")
-        return [[float(value) for value in row] for row in rows]
+        return [dict(zip(head, map(float, row), strict=True)) for row in rows]
     except FileNotFoundError:
         return []
     except (ValueError, OSError) as error:
