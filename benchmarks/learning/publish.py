@@ -64,6 +64,7 @@ UNITS = {
     "angle_100ms": ("turned in 0.1 s, °", 1, 0),
     "angle_200ms": ("in 0.2 s, °", 1, 0),
     "angle_300ms": ("in 0.3 s, °", 1, 0),
+    "snout_300ms": ("snout, °", 1, 0),
     "distance_200ms": ("path in 0.2 s, BL", 1, 2),
     "speed_200ms": ("speed after 0.2 s, BL/s", 1, 2),
     "peak_acceleration": ("peak acceleration, m/s²", 1, 1),
@@ -92,7 +93,7 @@ TURNING = ("success", "latency", "overshoot", "radius", "turning_rate", "speed_l
 TARGETS = ("targets", "success", "time_per_target")
 AVOIDING = ("avoided", "avoided_possible", "passed", "success", "clearance", "work", "peak_strain")
 TURNS = ("success", "latency", "overshoot", "radius", "speed_lost", "work")
-ANGLES = ("angle_100ms", "angle_200ms", "angle_300ms")
+ANGLES = ("angle_100ms", "angle_200ms", "angle_300ms", "snout_300ms")
 STARTING = ("success", "escape_distance", *ANGLES, "distance_200ms", "speed_200ms", "peak_acceleration", "latency",
             "turning_rate", "work", "peak_strain")  # fmt: skip
 PUBLICATIONS = {
