@@ -120,11 +120,11 @@ def equations(text):
 
 
 def test_design_names_what_exists():
-    """The ladder of design.md is that of the import contract, and every file that the page names exists."""
+    """The layers of design.md are those of the import contract, and every file that the page names exists."""
     page = (ROOT / "docs/design.md").read_text()
-    rooms = re.findall(r"^  (\w+) ", page.split("```")[1], re.MULTILINE)
+    layers = re.findall(r"^  (\w+) ", page.split("```")[1], re.MULTILINE)
     contract = re.search(r"layers = \[(\"__main__\".*)\]", (ROOT / "pyproject.toml").read_text())
-    assert contract and rooms == re.findall(r"\w+", contract[1])
+    assert contract and layers == re.findall(r"\w+", contract[1])
     names = set(re.findall(r"`([\w/]+\.py)`", page))
     assert len(names) > 30
     for name in names:

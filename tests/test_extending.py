@@ -70,18 +70,37 @@ def test_every_block_has_its_place():
     assert sorted(FILES) == sorted(f"{name}.py" for name in KINDS.values())
     assert [block.title.split(" in ")[1] for block in LINES] == [f"fish_env/{kind}/__init__.py" for kind in KINDS]
     others = [block for block in BLOCKS if block.title not in FILES]
-    assert {block.title for block in others} == {"", "your own program"}
+    assert {block.title for block in others} == {"your own program"}
     assert "The blocks of this page run in order, as one program." in (ROOT / "docs/extending.md").read_text()
+
+
+USED = """
+swimming = gym.make("FishEnv/Swim-v0", body="minnow")
+swimming.reset(seed=0)
+for _ in range(10):
+    assert not swimming.step(swimming.action_space.sample())[2]
+assert swimming.action_space.shape == (4,)
+env.reset(seed=0, options={"distance": 0.001, "yaw": 1.0})
+terminated = False
+while not terminated:
+    obs, reward, terminated, truncated, info = env.step(env.action_space.sample())
+assert info["speed"] > 0.0 and not info["failure"]
+for integrator in ("leapfrog_chebyshev", "heun"):
+    tank = fish_env.Tank(make_minnow(), num_fish=3, integrator=integrator, dt=0.0005, water=world)
+    tank.position[:, :, 2] -= 0.01
+    tank.swim([1.0, -1.0, -1.0, 1.0], 0.01)
+    assert tank.alive.all() and (tank.velocity[:, :, 2].mean(axis=1) > 0).all()  # the floor has pushed
+"""
 
 
 @pytest.mark.soft
 @pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_in_a_program_of_ones_own(tmp_path, compiled):
-    """The files beside a program, and the other blocks in their order, with the assertions they hold."""
+    """The files beside a program, the other blocks in their order, and then a use of all four."""
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
     own = [block.text for block in BLOCKS if block.title not in FILES]
-    run("\n\n".join(own), tmp_path, ROOT, NUMBA_DISABLE_JIT="0" if compiled else "1")
+    run("\n\n".join([*own, USED]), tmp_path, ROOT, NUMBA_DISABLE_JIT="0" if compiled else "1")
 
 
 ADDED = """
@@ -172,7 +191,7 @@ def test_method_of_the_page(tmp_path, monkeypatch):
     (tmp_path / "heun.py").write_text(FILES["heun.py"])
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "heun", raising=False)
-    method = importlib.import_module("heun").Heun()
+    method = importlib.import_module("heun").HEUN
     monkeypatch.setitem(INTEGRATORS, "heun", Integrator("heun", 2, "explicit", 2, 0, 0, "Heun 1900", method))
     found, lowest = swing_chain("xyz")
     np.testing.assert_array_equal(swing_chain(FISH)[0], found)

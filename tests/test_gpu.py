@@ -104,8 +104,8 @@ def test_upload():
 
 
 def test_memory_on_the_page():
-    """What docs/gpu.md says that a fish takes."""
-    page = (ROOT / "docs" / "gpu.md").read_text()
+    """Memory of a fish, as docs/other-learners.md states it."""
+    page = (ROOT / "docs" / "other-learners.md").read_text()
     for dtype in ("float64", "float32"):
         taken = bytes_needed(threads_pack(FishVectorEnv(1024, threads=1, dtype=dtype)), 1024 // WARP) / 1024
         assert f"{taken / 1000:.1f} kB in {dtype}" in page

@@ -113,7 +113,8 @@ def test_many_trainings(example, tmp_path):
     """The program of the page trains on the processors of a cluster."""
     import ray
 
-    (program,) = (block.text for block in blocks(ROOT / "docs" / "scaling.md", "python") if "ray.remote" in block.text)
+    page = ROOT / "docs" / "other-learners.md"
+    (program,) = (block.text for block in blocks(page, "python") if "ray.remote" in block.text)
     scope = {"__name__": "many"}
     exec(program, scope)
     short = ["--timesteps", "2048", "--num-envs", "16", "--no-pictures"]

@@ -5,7 +5,7 @@
 
 Fish are moved for two seconds on the GPU, and on the processor in float64, from the same starts by the same actions:
 how far their nodes are apart is printed, and how far they may be. Then steps are timed on both, by the clock, with ends
-of episodes and new starts. Needs an NVIDIA GPU, and the extras [gpu] and [train]. docs/gpu.md has the numbers.
+of episodes and new starts. Needs an NVIDIA GPU, and the extras [gpu] and [train]. Numbers: docs/other-learners.md.
 """
 
 import time
