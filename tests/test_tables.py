@@ -323,15 +323,15 @@ def aims():
     yield f"| {ratio('turn', 'latency', 'motor controllers'):.2f} times theirs, {percent('turn', 'success'):.0f} % |"
     over = [value["left_after_right", "", who, "overshoot"] for who in ("PPO", "motor controllers")]
     times = ratio("left_after_right", "latency", "motor controllers")
-    yield f"{times:.1f} times theirs: **missed**, with {over[0]:.0f} instead of {over[1]:.0f} degrees of overshoot; "
+    yield f"{times:.1f} times theirs, with {over[0]:.0f} instead of {over[1]:.0f} degrees of overshoot; "
     yield f"of overshoot; {percent('left_after_right', 'success'):.0f} %, at twice the severity"
     yield f"| {ratio('target', 'time_per_target', 'motor controllers'):.2f}; {percent('target_3d', 'success'):.1f} % |"
     turned, current = (percent("avoid", "avoided", where) for where in ("after a turn", "in a current"))
     avoided = percent("avoid", "avoided")
-    yield f"| {avoided:.0f} %, after a turn {turned:.0f} %, in a current {current:.0f} %: **missed** |"
+    yield f"| {avoided:.0f} %, after a turn {turned:.0f} %, in a current {current:.0f} % |"
     rest = "90 degrees, from rest"
     angle, acceleration = (value["fast_start", rest, "PPO", key] for key in ("angle_300ms", "peak_acceleration"))
-    yield f"| {angle:.0f} degrees, {acceleration:.0f} m/s²: **missed**."
+    yield f"| {angle:.0f} degrees, {acceleration:.0f} m/s²: **missed** |"
     over = {name: sum(row["policy"] for row in rows) / sum(row["bound"] for row in rows) - 1 for name, rows in (
         (name, read_table("learning/bound.csv", task=name, quantity=quantity)) for name, quantity in (
             ("swim", "speed"), ("fast_start", "escape distance"), ("turn", "latency"), ("left_after_right", "latency")
