@@ -6,6 +6,7 @@ Every fish of the batch goes on from the state of the fish that swims. The open-
 """
 
 import argparse
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -42,7 +43,7 @@ def main() -> None:
     """Swim some episodes by planning and by the gait, and print the speed of both."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=5)
-    fast = {"effort_weight": 0.0, "sway_weight": 0.0}  # only speed counts
+    fast: dict[str, Any] = {"effort_weight": 0.0, "sway_weight": 0.0}  # only speed counts
     env, batch = gym.make("FishEnv/Swim-v0", **fast), fish_env.FishVectorEnv(MOTIONS, task="swim", **fast)
     fish, interval, gait = batch.tank.fish, batch.control_interval, best_gait()
     for seed in range(parser.parse_args().episodes):

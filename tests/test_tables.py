@@ -383,6 +383,14 @@ def kinematics():
     yield f"under {row['stress_kpa']:.0f} kPa; living muscle"
 
 
+def weights():
+    """What the prices of effort and of a swaying head cost Swim."""
+    for row in read_table("learning/weights.csv"):
+        numbers = ((row[key], digits) for key, digits in (("speed", 2), ("nose_over_tail", 2), ("strouhal", 2),
+                   ("half_strain_percent", 0), ("strain_rate", 1), ("power_w_kg", 0)))  # fmt: skip
+        yield line(f"{row['effort_weight']:g}", f"{row['sway_weight']:g}", *(f"{x:.{k}f}" for x, k in numbers))
+
+
 def trainings():
     """How long a seed takes, what robustness costs, and what the default step changes in the returns."""
     minutes = [row["training_seconds"] / 60 for row in read_table("learning/seeds.csv")]
@@ -504,7 +512,7 @@ PAGES = {
     "choosing-an-integrator": (claims, methods, own_steps, least_prices, failures, default_step),
     "choosing-a-body": (bodies, fits, transfers),
     "choosing-the-water": (water_tables,),
-    "results": (bounds, aims, kinematics, trainings),
+    "results": (bounds, aims, kinematics, weights, trainings),
     "validation": (gait, held_out_comparisons),
     "results validation": (beside_living_fish,),
     "performance": (rates, peers),
