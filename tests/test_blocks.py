@@ -15,6 +15,8 @@ import pytest
 from moving import tiered
 from pages import FENCE, PAGES, ROOT, blocks
 
+import fish_env
+
 pytestmark = pytest.mark.soft
 
 IN_ORDER = re.compile(r"blocks\s+(?:of|on)\s+this\s+page\s+run\s+in\s+order", re.IGNORECASE)
@@ -78,9 +80,13 @@ def execute(block, scope):
 def test_blocks_run(program, monkeypatch, tmp_path):
     """A block can be copied out of its page, anywhere: it imports what it needs, or its page says what is before."""
     monkeypatch.chdir(tmp_path)
-    scope = {"__name__": "block"}
-    for block in PROGRAMS[program]:
-        execute(block, scope)
+    scope, tasks = {"__name__": "block"}, set(fish_env.TASKS)
+    try:
+        for block in PROGRAMS[program]:
+            execute(block, scope)
+    finally:
+        for task in set(fish_env.TASKS) - tasks:
+            del fish_env.TASKS[task]
 
 
 # Code within the text
