@@ -3,10 +3,9 @@
     python -m benchmarks.calibrate --water reactive
 
 The finest body and three gaits to living fish; then, fitted in motion to it, the other bodies; then the best gait and
-the tables of the motor controllers. The shipped fish are older: the files of the bodies say by which commit they were
-made. What is searched now has stiffer muscles, whose antagonists lengthen. What a search found is kept in
-`runs/calibration` until what it depends on changes: a calibration that was interrupted goes on after the last search
-that ended. Bit for bit on one kind of processor.
+the tables of the motor controllers. The files of the bodies say by which commit they were made. What a search found is
+kept in `runs/calibration` until what it depends on changes: a calibration that was interrupted goes on after the last
+search that ended. Bit for bit on one kind of processor.
 """
 
 import time

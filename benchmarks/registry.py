@@ -61,7 +61,7 @@ REGISTRY = {result.name: result for result in (
         12, "work_precision.csv", "work_precision_references.csv", "work_precision.svg", one_core=True,
     ),
     published(
-        "accuracy.held_out", "errors and prices of methods on 64 random scenes that nothing was fitted to, every body",
+        "accuracy.held_out", "errors and costs of methods on 64 random scenes that nothing was fitted to, every body",
         15, "held_out.csv", "held_out.svg", one_core=True, follows=(*EVERY_BODY, "water drag"),
     ),
     published(
@@ -180,7 +180,7 @@ REGISTRY = {result.name: result for result in (
         35, "learning/sensing.csv", "learning/held_out.csv", "docs/images/held_out.svg", follows=TRAINED,
     ),
     published(
-        "learning.weights", "Swim with other prices of effort and of a swaying head; trains 8 policies",
+        "learning.weights", "Swim with other weights of effort and of a swaying head; trains 8 policies",
         12, "learning/weights.csv", follows=(*DEFAULT, "task swim"),
     ),
     published(

@@ -255,7 +255,7 @@ def test_no_step_between_is_unstable(body, water, stiffness, periods):
     fish, count = make_fish(body, water=water), 16
     fewest = 7 if water == "drag" else fish.control_interval / (TESTED * fish.time_step) - 1e-9
     first = math.ceil(fewest * math.sqrt(max(1.0, stiffness)))
-    for steps in range(first, first + 8):
+    for steps in range(first, max(first + 8, 17)):
         tank = Tank(fish, count, dt=fish.control_interval / steps, water=fish.water, refine=np.inf, threads=1)
         for i in range(count):
             tank.vary(i, stiffness=stiffness)

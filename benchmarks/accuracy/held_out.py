@@ -1,6 +1,6 @@
-"""Errors and prices of methods on random scenes that nothing was fitted to, in drag and in reactive water.
+"""Errors and costs of methods on random scenes that nothing was fitted to, in drag and in reactive water.
 
-Scenes, errors and prices are those of `fish_env/control/chart.py`. The abrupt turn of `benchmarks/common/problems.py`
+Scenes, errors and costs are those of `fish_env/control/chart.py`. The abrupt turn of `benchmarks/common/problems.py`
 stands beside them.
 """
 

@@ -1,4 +1,4 @@
-"""Swim with other prices of effort and of a swaying head: what each costs in speed, and how the fish then moves."""
+"""Swim with other weights of effort and of a swaying head: what each costs in speed, and how the fish then moves."""
 
 import tempfile
 from pathlib import Path

@@ -150,7 +150,7 @@ PRICED = {
     ("drag", "drag"): "drag", ("drag", "none"): "the same fish in vacuum",
     ("drag", "reactive"): "the same in reactive water", ("reactive", "reactive"): "reactive",
 }  # fmt: skip
-"""Cases of the table of prices; the first is the one of price 1."""
+"""Cases of the table of costs; the first is the one of cost 1."""
 COLUMNS = {CASES[0]: "drag", CASES[1]: "reactive", CASES[2]: "the fish for reactive water, in drag"}
 
 
@@ -186,7 +186,7 @@ def controllers_table(rows: list[dict]) -> str:
 
 
 def prices_table(rows: list[dict]) -> str:
-    """The page's table of prices: of a step of one fish, and of 256, over that of the fish for drag."""
+    """The page's table of costs: of a step of one fish, and of 256, over that of the fish for drag."""
     found = {(row["count"], row["dtype"], row["fish"], row["water"]): row["over_drag"] for row in rows}
     lines = [
         (f"{label}, {dtype}", *(f"{found[(count, dtype, *case)]:.2f}" for case in PRICED))

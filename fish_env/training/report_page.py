@@ -79,7 +79,7 @@ class Group:
     motions: list[charts.Motion]
     fish: Fish
     untrained: dict[str, Scores]
-    """Of the controllers without learning, in the environment of the first run."""
+    """Metrics of the controllers without learning, in the environment of the first run."""
 
 
 def write_report(folders: Sequence[str | Path], path: Path | None = None, episodes: int = EPISODES) -> Path:
