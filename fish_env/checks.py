@@ -3,14 +3,48 @@
 import copy
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from functools import cache
+from difflib import get_close_matches
+from functools import cache, wraps
+from inspect import signature
 from numbers import Real
 from pathlib import Path
-from typing import TypeGuard
+from typing import TypeGuard, TypeVar
 
 import numpy as np
+
+F = TypeVar("F", bound=Callable)
+
+
+class UnknownOptionError(ValueError, TypeError):
+    """A keyword that a function does not have: a TypeError as well, as other libraries expect."""
+
+
+def similar(name: object, names: Iterable[str]) -> str:
+    """Hint for a message: the one of the names that an unknown name resembles, if there is one."""
+    close = get_close_matches(name, names, 1) if isinstance(name, str) else []
+    return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+def check_names(said: str, allowed: Collection[str], *given: object, error: type[ValueError] = ValueError) -> None:
+    """Raise an error, which begins with `said` and suggests the nearest name, unless all names given are allowed."""
+    for name in given:
+        if not isinstance(name, str) or name not in allowed:
+            raise error(f"{said} {name!r}{similar(name, allowed)}; choose from {', '.join(map(repr, allowed))}")
+
+
+def checked_keywords(function: F) -> F:
+    """Decorate a function so that a keyword that it does not have raises UnknownOptionError with a suggestion."""
+    allowed = [name for name in signature(function).parameters if name != "self"]
+    said = f"{function.__qualname__.removesuffix('.__init__')} has no keyword"
+
+    @wraps(function)
+    def call(*args, **given):
+        check_names(said, allowed, *given, error=UnknownOptionError)
+        return function(*args, **given)
+
+    return call  # pyright: ignore[reportReturnType]
 
 
 def is_whole(value) -> TypeGuard[int]:

@@ -722,7 +722,7 @@ def test_mistakes_are_answered(folder, monkeypatch, capsys):
     """An unknown task or body, and a missing folder, are refused in one line."""
     for words, said in (
         (["swimm"], "unknown task 'swimm'"),
-        (["swim", "--body", "eel"], "unknown body 'eel'; choose from mass_spring"),
+        (["swim", "--body", "eel"], "unknown body 'eel'; choose from 'mass_spring'"),
         (["swim", "--dtype", "half"], "half"),
     ):
         assert command_line.main(["compile", *words]) == 2

@@ -391,7 +391,7 @@ def test_noise_follows_the_unit():
         gym.make(STUB, observation="sensors", observation_noise={part.name: part.limit})
         with pytest.raises(ValueError, match=rf"from 0 to {part.limit:g} \(standard deviation, "):
             gym.make(STUB, observation="sensors", observation_noise={part.name: 1.01 * part.limit})
-    with pytest.raises(ValueError, match="observation_noise has 'presure'; choose from"):
+    with pytest.raises(ValueError, match=r"observation_noise has 'presure' .did you mean 'pressure'"):
         gym.make(STUB, observation="sensors", observation_noise={"presure": 0.0})
 
 

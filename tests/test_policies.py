@@ -523,7 +523,7 @@ def test_archives_that_are_not_what_they_say(kind, tmp_path):
         ("policy", "about", lambda array: "[" * 100_000, "about"),
         ("policy", "about", lambda array: "{}", "does not say which environment it is for"),
         ("policy", "about", lambda array: json.dumps({"env_id": "FishEnv/Other-v0"}), "trained for FishEnv/Other"),
-        ("policy", "hidden", lambda array: "elu", "hidden is 'elu'; choose from tanh, relu"),
+        ("policy", "hidden", lambda array: "elu", "hidden is 'elu'.*; choose from 'tanh', 'relu'"),
         ("policy", "deviation", lambda array: 0.0 * array, "or deviations of zero or less"),
         ("policy", "limit", lambda array: np.nan, "no limit above zero, or"),
         ("recording", "format", lambda array: 2, "has format 2; this package reads format 1: record the episode again"),

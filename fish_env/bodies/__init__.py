@@ -7,7 +7,7 @@ from typing import Any
 from fish_env.bodies.fitted import WATERS
 from fish_env.bodies.mass_spring import MassSpringParameters, make_mass_spring, make_published
 from fish_env.bodies.planar import make_planar
-from fish_env.checks import representable
+from fish_env.checks import UnknownOptionError, check_names, representable
 from fish_env.physics.fish import ElasticObject, Fish, Landmarks
 from fish_env.physics.lazy import load_texts
 
@@ -61,14 +61,10 @@ def make_fish(body: str = "mass_spring", **parameters) -> Fish:
     Raises:
         ValueError: for an unknown body, an unknown parameter or a value that is not allowed.
     """
-    if not isinstance(body, str) or body not in BODIES:
-        what = "the object has no muscles:" if isinstance(body, ElasticObject) else "unknown body"
-        raise ValueError(f"{what} {body!r}; choose from {', '.join(map(repr, BODIES))}")
+    check_names("the object has no muscles:" if isinstance(body, ElasticObject) else "unknown body", BODIES, body)
     make = BODIES[body].make
     allowed = inspect.signature(make).parameters
     if not any(p.kind is p.VAR_KEYWORD for p in allowed.values()):
-        for name in parameters:
-            if name not in allowed:
-                raise ValueError(f"unknown parameter {name!r} of the {body} fish; choose from {', '.join(allowed)}")
+        check_names(f"the {body} fish has no parameter", allowed, *parameters, error=UnknownOptionError)
     with representable(f"the {body} fish"):
         return make(**parameters)

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from fish_env.checks import positive_array
+from fish_env.checks import check_names, positive_array
 from fish_env.kernels.data import data
 from fish_env.physics.records import World
 
@@ -30,8 +30,7 @@ def read_calibration(body: str, water: str | None = None) -> dict:
 def check_level(water: str | None) -> str:
     """Return a level of WATERS, by default DEFAULT_WATER; ValueError for another."""
     level = DEFAULT_WATER if water is None else water
-    if not isinstance(level, str) or level not in WATERS:
-        raise ValueError(f"no fish is calibrated for water={water!r}; choose from {', '.join(map(repr, WATERS))}")
+    check_names("no fish is calibrated for water", WATERS, level)
     return level
 
 

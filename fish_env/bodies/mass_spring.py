@@ -13,7 +13,7 @@ from fish_env.bodies.fitted import read_calibration
 from fish_env.bodies.masses import WATER_DENSITY, continuum, layer_masses, match_moments
 from fish_env.bodies.outline import Outline, layers_for, outline_of, read_outline
 from fish_env.bodies.sizes import REFERENCE_LENGTH, check_length, slowness, step_parts
-from fish_env.checks import finite_array, positive_array
+from fish_env.checks import UnknownOptionError, check_names, finite_array, positive_array
 from fish_env.physics.body import make_body
 from fish_env.physics.elements import make_sections
 from fish_env.physics.fish import Fish
@@ -254,9 +254,7 @@ def check_parameters(
         own: what replaces the default fish's parameters in this body, unless a user gave them.
     """
     allowed = [field.name for field in fields(MassSpringParameters)]
-    for name in parameters:
-        if name not in allowed:
-            raise ValueError(f"unknown parameter {name!r} of the {body} fish; choose from {', '.join(allowed)}")
+    check_names(f"the {body} fish has no parameter", allowed, *parameters, error=UnknownOptionError)
     standard = calibrated(water)
     shaped = [name for name in OUTLINED if name in parameters]
     if shaped and parameters.get("outline") is not None:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.spaces import Box
 
-from fish_env.checks import as_floats
+from fish_env.checks import as_floats, check_names, similar
 from fish_env.control.env_spec import check_environment
 from fish_env.control.exchange import onnx_model, read_onnx, write_onnx, write_torchscript
 from fish_env.control.files import check_arrays, read_about, read_npz, replacing
@@ -65,8 +65,7 @@ class Policy:
 
     def __post_init__(self):
         for name, allowed in (("hidden", HIDDEN), ("output", OUTPUT)):
-            if getattr(self, name) not in allowed:
-                raise ValueError(f"{name} is {getattr(self, name)!r}; choose from {', '.join(allowed)}")
+            check_names(f"{name} is", allowed, getattr(self, name))
 
     def __call__(self, obs: np.ndarray) -> np.ndarray:
         """Actions (..., A) for observations (..., D); ValueError for what are no real numbers, such as text."""
@@ -149,8 +148,7 @@ def shipped_policy(task: str) -> Path:
         ValueError: if there is none, naming those that there are.
     """
     found = shipped_policies()
-    if task not in found:
-        raise ValueError(f"no policy is shipped for {task!r}; choose from {', '.join(found)}, or give a policy file")
+    check_names("no policy is shipped for", found, task)
     return found[task]
 
 
@@ -177,10 +175,10 @@ def load_policy(path: str | Path, env_id: str | None = None) -> Policy:
     except OSError:  # of a name that is too long
         found = False
     if not found:
-        shipped = ", ".join(shipped_policies())
+        shipped = shipped_policies()
         raise FileNotFoundError(
-            f"there is no policy file {path}; give the policy.npz of a training, or one of those that are shipped: "
-            f"{shipped}"
+            f"there is no policy file {path}{similar(str(path), shipped)}; give the policy.npz of a training, or "
+            f"one of those that are shipped: {', '.join(shipped)}"
         )
     parts, graph = (
         read_onnx(path)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from fish_env.bodies import BODIES
+from fish_env.checks import check_names
 from fish_env.envs.vector import FishVectorEnv
 from fish_env.kernels import cache as _cache
 from fish_env.tasks import TASKS
@@ -46,9 +47,7 @@ def compile_ahead(
     Raises:
         ValueError: for an unknown name, or if kernels cannot be stored.
     """
-    unknown = [name for name in bodies if name not in BODIES]
-    if unknown:
-        raise ValueError(f"unknown body {unknown[0]!r}; choose from {', '.join(BODIES)}")
+    check_names("unknown body", BODIES, *bodies)
     before = len(stored_kernels()[1])
     for body in bodies:
         for task in tasks:

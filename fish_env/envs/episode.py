@@ -10,10 +10,10 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector.utils import batch_space
 
 from fish_env.bodies import Fish
-from fish_env.checks import ReadOnly, finite_array, fits_memory, frozen, own
+from fish_env.checks import ReadOnly, UnknownOptionError, check_names, finite_array, fits_memory, frozen, own, similar
 from fish_env.envs.layout import Layout, bytes_of_episode
 from fish_env.envs.observation import make_rows, make_sensors, observe_nodes, observe_sensors
-from fish_env.envs.options import UnknownOptionError, checked_limit, checked_seed, checked_truth, fish_for
+from fish_env.envs.options import checked_limit, checked_seed, checked_truth, fish_for
 from fish_env.envs.senses import check_delays, checked_noise, checked_senses, draw_delays, make_memory, pack_memory
 from fish_env.envs.state import Stateful
 from fish_env.envs.step import (
@@ -35,7 +35,7 @@ from fish_env.physics.tank_options import bytes_of, checked_count, whole_steps
 from fish_env.physics.world import checked_water
 from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.options import check_options, keywords_of, meant, weight
+from fish_env.tasks.options import check_options, keywords_of, weight
 from fish_env.tasks.start import check_pose
 
 
@@ -174,14 +174,13 @@ class Episodes(Stateful, ReadOnly):
 
     def _make_task(self, task, options) -> Task:
         """The task of a name with its options, or ValueError."""
-        if not isinstance(task, str) or task not in self.tasks:
-            raise ValueError(f"unknown task {task!r}; choose from {', '.join(map(repr, self.tasks))}")
+        check_names("unknown task", self.tasks, task)
         try:
             return self.tasks[task](**options)
         except TypeError as error:
             allowed = keywords_of(self.tasks[task])
             names = allowed | keywords_of(type(self)) | keywords_of(Episodes)
-            close = "".join(meant(name, names) for name in options if name not in allowed)
+            close = "".join(similar(name, names) for name in options if name not in allowed)
             message = f"unknown option of the environment or of task {task!r}: {error}{close}; "
             raise UnknownOptionError(message + f"the task has {', '.join(allowed)}") from error
 

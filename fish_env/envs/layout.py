@@ -13,6 +13,7 @@ import gymnasium as gym
 import numpy as np
 
 from fish_env.bodies import Fish
+from fish_env.checks import check_names
 from fish_env.tasks import Direction
 
 LAYOUT_VERSION = 1
@@ -99,8 +100,7 @@ class Layout:
         Raises:
             ValueError: for an unknown observation, or if two parts would have the same name.
         """
-        if not isinstance(observation, str) or observation not in OBSERVATIONS:
-            raise ValueError(f"unknown observation {observation!r}; choose from {', '.join(map(repr, OBSERVATIONS))}")
+        check_names("unknown observation", OBSERVATIONS, observation)
         make, self.observation = PartMaker(fish), observation
         parts = list((make_parts if observation == "nodes" else make_sensor_parts)(make, fish, directions))
         self.num_present, self.present = len(parts), make.start

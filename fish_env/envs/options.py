@@ -8,21 +8,16 @@ import gymnasium as gym
 import numpy as np
 
 from fish_env.bodies import BODIES, make_fish
-from fish_env.checks import is_whole
+from fish_env.checks import check_names, is_whole, similar
 from fish_env.envs.layout import row_of
 from fish_env.envs.variation import checked_variation
 from fish_env.physics.fish import Fish
 from fish_env.physics.tank_options import MOST_STEPS
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.options import meant
 from fish_env.tasks.start import check_pose
 
 OF_ONE = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
 """Attributes of a single environment that a batch has under another name."""
-
-
-class UnknownOptionError(ValueError, TypeError):
-    """A keyword that neither the environment nor its task has: a TypeError as well, as other libraries expect."""
 
 
 class SeedError(gym.error.Error, ValueError):
@@ -55,10 +50,7 @@ def checked_limit(steps) -> int | None:
     if steps is None or (is_whole(steps) and steps == -1):
         return None
     if not (is_whole(steps) and 1 <= steps <= MOST_STEPS):
-        raise ValueError(
-            f"max_episode_steps is {steps!r}; give a whole number, at least 1 and at most {MOST_STEPS}, or None or -1 "
-            "for no limit"
-        )
+        raise ValueError(f"max_episode_steps is {steps!r}; give a whole number from 1 to {MOST_STEPS}, or None or -1")
     return int(steps)
 
 
@@ -80,8 +72,7 @@ def checked_picture(width, height, camera, panel) -> dict[str, Any]:
         raise ValueError(
             f"width, height are {width!r}, {height!r}; give whole numbers of pixels from {SMALLEST} to {LARGEST}"
         )
-    if not isinstance(camera, str) or camera not in CAMERAS:
-        raise ValueError(f"unknown camera {camera!r}; choose from {', '.join(map(repr, CAMERAS))}")
+    check_names("unknown camera", CAMERAS, camera)
     if checked_truth(panel, "panel") and (width < SMALLEST_PANEL[0] or height < SMALLEST_PANEL[1]):
         raise ValueError(
             f"a picture of {width} x {height} is too small for the panel of numbers; give panel=False, or a width and "
@@ -109,8 +100,8 @@ def set_option(env, name: str, value: Any) -> None:
     task = env.task
     if name not in env.settable:
         raise AttributeError(
-            f"{name!r} cannot be set while the environment runs{meant(name, env.settable)}; make a new environment, "
-            f"or choose from {env.settable}"
+            f"{name!r} cannot be set while it runs{similar(name, env.settable)}; make a new environment, or "
+            f"choose from {env.settable}"
         )
     if name not in env.LIVE:
         made = type(task)(**{**env._task_options, name: value})

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fish_env.checks import is_whole
+from fish_env.checks import check_names, is_whole
 from fish_env.envs.layout import Layout
 from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import Pack
@@ -83,8 +83,7 @@ def checked_noise(senses: Senses, layout: Layout) -> Senses:
     """The settings with noise as numbers; ValueError for a part that is not there, or noise beyond a part's bound."""
     parts, noise = {part.name: part for part in layout.parts[: layout.num_present]}, {}
     for name, value in senses.observation_noise.items():
-        if name not in parts:
-            raise ValueError(f"observation_noise has {name!r}; choose from {', '.join(map(repr, parts))}")
+        check_names("observation_noise has", parts, name)
         option = Option(0.0, parts[name].limit, f"standard deviation, {parts[name].unit}")
         noise[name] = option.checked(f"observation_noise[{name!r}]", value)
     return senses._replace(observation_noise=noise)

@@ -29,10 +29,8 @@ class FishEnv(Keywords, gym.Env):
     vector_class = FishVectorEnv
 
     def __init__(self, render_mode: str | None = None, **options):
-        if "autoreset_mode" in options:
-            raise ValueError("autoreset_mode is for batches (gym.make_vec); one fish waits for reset")
-        if "num_envs" in options:
-            raise ValueError("num_envs is for batches (gym.make_vec); gym.make makes one fish")
+        if given := {"autoreset_mode", "num_envs", "n_envs"} & options.keys():
+            raise ValueError(f"{given.pop()} is for batches (gym.make_vec); gym.make makes one fish")
         check_render_mode(render_mode, self.metadata["render_modes"])  # lists are Gymnasium's `RenderCollection`
         options.setdefault("threads", 1)
         self.fish = self.vector_class(1, render_mode=render_mode, **options)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from fish_env.bodies import Fish
+from fish_env.checks import check_names
 from fish_env.physics.tank import Tank
 from fish_env.tasks.options import Option
 from fish_env.tasks.start import POSE_OPTIONS
@@ -38,9 +39,7 @@ def checked_variation(given: Mapping[str, Any]) -> dict[str, tuple[float, float]
     """The range of every key given, or ValueError saying what is allowed."""
     if not isinstance(given, Mapping):
         raise ValueError(f"variation is {given!r}; give a dict with keys among {', '.join(VARIATIONS)}")
-    for name in given:
-        if name not in VARIATIONS:
-            raise ValueError(f"unknown variation {name!r}; choose from {', '.join(VARIATIONS)}")
+    check_names("unknown variation", VARIATIONS, *given)
     return {  # in this order whatever the order given: numbers are drawn one after the other
         name: option.checked_range(f"variation[{name!r}]", given[name])
         for name, option in VARIATIONS.items()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fish_env.checks import real
+from fish_env.checks import check_names, real
 from fish_env.scene.frame import Frame
 from fish_env.scene.look import Look
 
@@ -36,8 +36,8 @@ class Control:
             raise ValueError(f"{self.label} is {value!r}; give true or false")
         if self.kind == "slider" and (isinstance(value, bool) or not self.low <= real(value) <= self.high):
             raise ValueError(f"{self.label} is {value!r}; give a number from {self.low:g} to {self.high:g}")
-        if self.kind == "choice" and value not in self.options:
-            raise ValueError(f"unknown {self.label} {value!r}; choose from {', '.join(self.options)}")
+        if self.kind == "choice":
+            check_names(f"unknown {self.label}", self.options, value)
         self.act(value)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fish_env.checks import is_whole, real
+from fish_env.checks import check_names, is_whole, real
 from fish_env.lab.objects import Entry, ObjectScene
 from fish_env.lab.scene import Control, Scene
 from fish_env.lab.swimmers import SwimmerScene
@@ -73,8 +73,7 @@ class Session:
 
     def choose(self, name: Any) -> None:
         """Show a scene; ValueError, and the present one stays, for one that there is not."""
-        if name not in list(self.scenes):
-            raise ValueError(f"unknown scene {name!r}; choose from {', '.join(self.scenes)}")
+        check_names("unknown scene", self.scenes, name)
         scene = self.scenes[name]()
         self.scene.close()
         self.name, self.scene, self.paused, self.speed = name, scene, False, 1.0

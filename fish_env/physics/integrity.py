@@ -7,7 +7,7 @@ evaluated.
 
 import numpy as np
 
-from fish_env.checks import check_numbers, check_record, positive_array
+from fish_env.checks import check_names, check_numbers, check_record, positive_array
 from fish_env.physics.fish import ElasticObject, Fish
 from fish_env.physics.forces import FORCES
 from fish_env.physics.linalg import ldlt
@@ -62,9 +62,7 @@ def check_world(world: World, nodes: int) -> None:
         raise ValueError(f"water is a {type(world).__name__}; give fish_env.make_water(...), or None for vacuum")
     check_record("water.", world, WORLD, N=nodes)
     positive_array(world.friction, (), "friction of the water (kg s^-1/2 m^-2)", zero=True)
-    for name in world.extra or {}:
-        if name not in FORCES:
-            raise ValueError(f"extra of the water is for a force {name!r}; choose from {', '.join(map(repr, FORCES))}")
+    check_names("extra of the water is for a force", FORCES, *(world.extra or {}))
 
 
 def check_problem(body: Body, world: World) -> None:

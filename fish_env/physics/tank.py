@@ -10,7 +10,7 @@ from typing import Any, Generic
 
 import numpy as np
 
-from fish_env.checks import ReadOnly, check_numbers, finite_array, frozen, is_whole, own
+from fish_env.checks import ReadOnly, check_numbers, checked_keywords, finite_array, frozen, is_whole, own
 from fish_env.kernels.simd import Kind, Pack, Vectors
 from fish_env.kernels.threads import Threads
 from fish_env.physics import tank_options as options
@@ -60,6 +60,7 @@ class Tank(ReadOnly, Generic[Elastic]):
                  "pack")  # fmt: skip
     pack: Pack
 
+    @checked_keywords
     def __init__(self, fish: Elastic, num_fish=1, integrator: str | None = None, dt: float | None = None,
                  water: str | Mapping[str, Any] | World | None = None, threads: int | None = None,
                  dtype: str = "float64", lanes: str | int | None = None, refine: float | None = None,
@@ -73,7 +74,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         fish, self.world = frozen(copy.deepcopy((fish, water)))
         if dt is not None and (reason := options.too_long(fish, self.world, self.integrator, self.dt)):
             failing = f"{self.integrator.name!r} will fail on {fish.name!r} in this water"
-            warnings.warn(f"{failing}: {reason}; give a shorter dt or none, or another integrator", stacklevel=2)
+            warnings.warn(f"{failing}: {reason}; give a shorter dt or none, or another integrator", stacklevel=3)
         self.fish, self._own, body, b = fish, fish.body, fish.body, self.num_fish
         self._conditions: Any = None if self.world.anchors is None else _boundary().first(self)
         self.kind = options.kind_for(b, dtype, lanes)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fish_env.checks import as_floats, finite_array, fits_memory, is_whole, positive_array, real
+from fish_env.checks import as_floats, check_names, finite_array, fits_memory, is_whole, positive_array, real
 from fish_env.kernels.simd import LANES, Kind
 from fish_env.physics.body import scale_body
 from fish_env.physics.failures import FAILURES
@@ -31,8 +31,7 @@ def method_for(fish: ElasticObject, integrator: str | None, dt, refine) -> tuple
     if not isinstance(fish, ElasticObject):
         raise ValueError(f"fish is a {type(fish).__name__}; give a Fish, as fish_env.make_fish() makes one")
     integrator = fish.integrator if integrator is None else integrator
-    if not isinstance(integrator, str) or integrator not in INTEGRATORS:
-        raise ValueError(f"unknown integrator {integrator!r}; choose from {', '.join(map(repr, INTEGRATORS))}")
+    check_names("unknown integrator", INTEGRATORS, integrator)
     if refine is None:
         refine = fish.refine if integrator == fish.integrator else np.inf
     dt = own_step(fish, INTEGRATORS[integrator]) if dt is None else dt

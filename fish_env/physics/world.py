@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fish_env.checks import finite_array, frozen, positive_array, real
+from fish_env.checks import check_names, checked_keywords, finite_array, frozen, positive_array, real
 from fish_env.physics.records import World
 
 GRAVITY = 9.81  # m/s2
@@ -18,6 +18,7 @@ WATERS = ("none", "drag", "reactive")
 """Levels of water that a `water` names: vacuum, the fish's own without inertia, and with it."""
 
 
+@checked_keywords
 def make_water(
     density=1000.0, drag_coefficient=1.5, law="quadratic", current=(0.0, 0.0, 0.0), inertia=False,
     added_mass=(1.0, 1.0), righting=None, friction=0.0, thinning=0.0, viscosity=1.0e-6,
@@ -46,8 +47,7 @@ def make_water(
     Raises:
         ValueError: for an unknown law, a negative or non-finite number, or a current that is not three finite numbers.
     """
-    if not isinstance(law, str) or law not in LAWS:
-        raise ValueError(f"unknown water law {law!r}; choose from {', '.join(map(repr, LAWS))}")
+    check_names("unknown water law", LAWS, law)
     for name, value in (("density", density), ("drag_coefficient", drag_coefficient), ("friction", friction),
                         ("thinning", thinning), ("viscosity", viscosity)):  # fmt: skip
         if not 0.0 <= real(value) < math.inf:
@@ -80,17 +80,17 @@ def checked_water(given: str | Mapping[str, Any] | World, own: World) -> World:
     """Water of a name in WATERS, a fish's own with keywords of `make_water` changed, or as it is; else ValueError."""
     if isinstance(given, World):
         return given
-    drag = own._replace(added_mass=None, righting=0.0)
-    inert = change_water(drag, inertia=True) if own.added_mass is None else own
-    levels: dict[str, World] = dict(zip(WATERS, (VACUUM, drag, inert), strict=True))
-    try:
-        return levels[given] if isinstance(given, str) else change_water(own, **given)
-    except (KeyError, TypeError) as error:
-        message = f"water is {given!r}; give keywords of fish_env.make_water, its result, or one of {WATERS}"
-        raise ValueError(message) from error
+    if isinstance(given, str):
+        check_names("unknown water", WATERS, given)
+        drag = own._replace(added_mass=None, righting=0.0)
+        inert = change_water(drag, inertia=True) if own.added_mass is None else own
+        return (VACUUM, drag, inert)[WATERS.index(given)]
+    if not isinstance(given, Mapping) or not all(isinstance(name, str) for name in given):
+        raise ValueError(f"water is {given!r}; give keywords of fish_env.make_water, its result, or one of {WATERS}")
+    return change_water(own, **given)
 
 
-def change_water(water: World, **named) -> World:
+def change_water(water: World, /, **named) -> World:
     """Return water in which what is named has changed, keywords of `make_water`; everything else keeps its bits.
 
     The water is taken to have the density and the viscosity that are the defaults of `make_water`. A drag coefficient

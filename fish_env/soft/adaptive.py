@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fish_env.checks import real
+from fish_env.checks import check_names, real
 from fish_env.physics.failures import NO_CONVERGENCE, NON_FINITE
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.records import FACTORISATIONS, FORCES, Body, State, World
@@ -107,8 +107,7 @@ def solve(body: Body, world: World, state: State, control, duration, method="DOP
     Raises:
         ValueError: for an unknown method, a tolerance outside 1e-13 to 1e-2, or an invalid duration.
     """
-    if method not in METHODS:
-        raise ValueError(f"unknown method {method!r}; choose from {', '.join(map(repr, METHODS))}")
+    check_names("unknown method", METHODS, method)
     if not LOWEST <= real(tolerance) <= HIGHEST:
         raise ValueError(f"tolerance is {tolerance!r}; give a number from {LOWEST:g} to {HIGHEST:g}")
     if not 0.0 <= real(duration) < np.inf:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fish_env.checks import finite_array, frozen, is_whole, node_array, positive_array
+from fish_env.checks import check_names, finite_array, frozen, is_whole, node_array, positive_array
 from fish_env.physics import forces
 from fish_env.physics.body import chosen_axes, fix_where, node_numbers
 from fish_env.physics.engine import Engine
@@ -146,8 +146,7 @@ def grab(tank: Tank, node: int, point, stiffness, damping, rest_length, velocity
 
 def move(tank: Tank, nodes, along, axes: str, method: str) -> None:
     """`Tank.move`."""
-    if method not in METHODS:
-        raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
+    check_names("method is", METHODS, method)
     nodes, chosen = node_numbers(tank._own, nodes), chosen_axes(axes)
     penalty, places = None, tank.state.x[:, nodes]
     if method == "penalty":

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fish_env.checks import finite_array, node_array, positive_array, representable
+from fish_env.checks import check_names, finite_array, node_array, positive_array, representable
 from fish_env.physics.records import Barriers, Compartments, Tets
 from fish_env.soft.volume import volume_of
 
@@ -34,8 +34,7 @@ def make_tets(position, nodes, young, poisson, relaxation_time: Any = 0.0, strai
         ValueError: for a flat, inverted or repeated element or an invalid material, naming the first such element; for
             an unknown measure of strain.
     """
-    if strain not in STRAINS:
-        raise ValueError(f"strain is {strain!r}; choose from {', '.join(map(repr, STRAINS))}")
+    check_names("strain is", STRAINS, strain)
     position = finite_array(position, (len(position), 3), "position (m)")
     nodes = node_array(nodes, 4, len(position), "tetrahedra")
     count = len(nodes)

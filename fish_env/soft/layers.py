@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from fish_env.checks import real
+from fish_env.checks import check_names, real
 from fish_env.physics.body import make_body
 from fish_env.physics.records import Body
 from fish_env.soft.elements import fill, make_barriers
@@ -110,8 +110,7 @@ def choose_materials(standard: TwoLayers, changes: dict, layers=2) -> TwoLayers:
     """
     names = [field.name for field in fields(TwoLayers)]
     for name in changes:
-        if name not in names:
-            raise ValueError(f"unknown material {name!r}; choose from {', '.join(names)}")
+        check_names("unknown material", names, name)
         if layers == 1 and name.startswith(BETWEEN):
             raise ValueError(f"{name} is given for one layer, which has none; give layers=2, or leave it out")
     for layer in ("", "inner_"):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.checks import finite_array, is_whole, node_array, positive_array
+from fish_env.checks import check_names, finite_array, is_whole, node_array, positive_array
 
 RULES = ("quarter", "uniform")
 
@@ -96,8 +96,7 @@ def lumped_mass(position, tets, density, rule="quarter") -> np.ndarray:
     Raises:
         ValueError: for an unknown rule, a density that is not positive, or a tetrahedron that is flat or inverted.
     """
-    if rule not in RULES:
-        raise ValueError(f"unknown rule {rule!r}; choose from {', '.join(map(repr, RULES))}")
+    check_names("unknown rule", RULES, rule)
     position = finite_array(position, (len(position), 3), "position (m)")
     tets = node_array(tets, 4, len(position), "tetrahedra")
     volume = np.linalg.det(position[tets[:, 1:]] - position[tets[:, :1]]) / 6

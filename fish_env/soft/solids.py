@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from fish_env.checks import positive_array, representable
+from fish_env.checks import check_names, positive_array, representable
 from fish_env.physics.body import fix, make_body
 from fish_env.soft.elements import make_tets
 from fish_env.soft.mesh import Mesh, grid, lumped_mass
@@ -130,9 +130,7 @@ def make_two_materials(cells=8, *, across=2, length=0.32, thickness=0.08, soft=S
 def choose_material(standard: SolidMaterial, given: dict) -> SolidMaterial:
     """Change some fields of a material; ValueError for an unknown one."""
     names = [field.name for field in fields(SolidMaterial)]
-    for name in given:
-        if name not in names:
-            raise ValueError(f"unknown field {name!r} of a material; choose from {', '.join(map(repr, names))}")
+    check_names("a material has no field", names, *given)
     return replace(standard, **given)
 
 

@@ -30,7 +30,7 @@ from scipy.linalg import LinAlgWarning, lu_factor, lu_solve, null_space, orth
 from scipy.sparse import block_array, csc_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from fish_env.checks import finite_array, is_whole, positive_array
+from fish_env.checks import check_names, finite_array, is_whole, positive_array
 from fish_env.physics.body import node_numbers
 from fish_env.physics.failures import ESCAPED
 from fish_env.physics.forces.evaluate import Evaluator
@@ -166,8 +166,7 @@ def prescribed_displacement(
     """
     check_problem(body, world)
     world = world._replace(added_mass=None)  # at rest, nothing accelerates
-    if method not in METHODS:
-        raise ValueError(f"method is {method!r}; choose from {', '.join(map(repr, METHODS))}")
+    check_names("method is", METHODS, method)
     multiple = float(positive_array(multiple, (), "multiple"))
     nodes, shape, own = node_numbers(body, nodes), body.position.shape, body.inverse_mass == 0.0
     wanted, displaced, every = np.zeros(shape), np.zeros(shape, dtype=bool), np.ones(3, dtype=bool)

@@ -13,7 +13,7 @@ from fish_env.bodies import mass_spring as tu
 from fish_env.bodies.fitted import read_calibration
 from fish_env.bodies.masses import WATER_DENSITY, continuum, match_moments
 from fish_env.bodies.outline import layers_of, outline_of, sides_of
-from fish_env.checks import positive_array
+from fish_env.checks import check_names, positive_array
 from fish_env.physics.body import make_body
 from fish_env.physics.elements import make_sections
 from fish_env.physics.fish import Fish, Landmarks
@@ -119,8 +119,7 @@ def softening(mesh, section, poisson) -> np.ndarray:
 
 def masses(p, mesh, lumping) -> np.ndarray:
     """Node masses (N,) kg: of the displaced water in all."""
-    if lumping not in ("matched", *RULES):
-        raise ValueError(f"unknown rule {lumping!r}; choose from {', '.join(map(repr, ('matched', *RULES)))}")
+    check_names("unknown rule", ("matched", *RULES), lumping)
     if lumping == "matched":
         mass = lumped_mass(mesh.position, mesh.tets, WATER_DENSITY)
         return match_moments(mass, mesh.position, continuum(p), solid=True)

@@ -250,7 +250,7 @@ def test_damping_of_each_kind():
         (make_string, {"nodes": 1}, "nodes is 1; give a whole number, 2 or more"),
         (make_string, {"length": 0.0}, "length is 0.0 at .*; give positive numbers"),
         (make_ring, {"nodes": 2.5}, "nodes is 2.5; give a whole number, 3 or more"),
-        (make_ring, {"colour": 1}, "unknown material 'colour'; choose from radius, inner_radius"),
+        (make_ring, {"colour": 1}, "unknown material 'colour'; choose from 'radius', 'inner_radius'"),
         (make_ring, {"mass": -1.0}, "mass is -1.0; give a finite, positive number"),
         (make_ring, {"inner_radius": 0.1}, "inner_radius is 0.1 m; give less than the radius, 0.1 m"),
         (make_ring, {"gap_pressure": 1e4}, "stretch spring [0-9]+ by more than its length; give a stiffness above"),
