@@ -1,7 +1,5 @@
 """Watch a policy: in a window, as a video or a page, or keep an episode as a recording."""
 
-import os
-import sys
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -34,18 +32,15 @@ def play(
 
     Raises:
         FileNotFoundError: if there is no such policy.
-        ValueError: for no episode or a seed below zero; if there is no display and no file was requested, the file
-            cannot be written, a keyword is not allowed, or an .npz file was requested with several episodes.
+        ValueError: for no episode or a seed below zero; if the file cannot be written, a keyword is not allowed, or an
+            .npz file was requested with several episodes.
+        RuntimeError: if there is no display, and no file was requested.
         gymnasium.error.DependencyNotInstalled: without pygame, or without moviepy for a video.
     """
     from fish_env.render import WindowClosed  # pygame is loaded only when something is drawn
 
     episodes, seed = checked_episodes(episodes, seed)
     path = None if video is None else _checked_path(video, episodes)
-    if path is None and not has_display():
-        raise ValueError(
-            "there is no display to open a window on; write a file: an .mp4, .webp or .gif video, or an .html page"
-        )
     policy = load_policy(policy) if isinstance(policy, str | Path) else policy
     mode = "human" if path is None else None
     found: list[Recording] = []
@@ -70,12 +65,6 @@ def _checked_path(video: str | Path, episodes: int) -> Path:
     if path.suffix.lower() in VIDEOS:
         load_writer(path)
     return path
-
-
-def has_display() -> bool:
-    """Return True if a window can be opened, as far as that can be known without trying."""
-    display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))
-    return display or not sys.platform.startswith("linux")
 
 
 def summary(info: dict[str, Any]) -> str:

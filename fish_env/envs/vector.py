@@ -1,17 +1,22 @@
 """FishVectorEnv: a batch of fish as a Gymnasium `VectorEnv`, with all three autoreset modes."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from fish_env.checks import check_names
 from fish_env.envs.episode import Episodes
 from fish_env.envs.layout import row_of
 from fish_env.envs.options import call_each, checked_picture, checked_seeds, checked_truth, set_option
 from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import Keywords, keywords_of
+
+OF_SB3 = ("step_async", "step_wait", "env_method", "env_is_wrapped", "get_images", "has_attr", "seed", "set_options")
+"""Methods of a `VecEnv` of Stable-Baselines3 that a Gymnasium batch lacks."""
+FOR_SB3 = "for Stable-Baselines3, make the batch by fish_env.make_sb3_vec_env(id, num_envs)"
 
 
 class FishVectorEnv(Keywords, Episodes, VectorEnv):
@@ -90,11 +95,9 @@ class FishVectorEnv(Keywords, Episodes, VectorEnv):
         self.picture = checked_picture(width, height, camera, panel)
         self.info_every_step = checked_truth(info_every_step, "info_every_step")
         super().__init__(num_envs, **options)
-        try:
-            self.autoreset_mode = AutoresetMode(autoreset_mode)
-        except ValueError:
-            allowed = ", ".join(repr(mode.value) for mode in AutoresetMode)
-            raise ValueError(f"unknown autoreset_mode {autoreset_mode!r}; choose from {allowed}") from None
+        mode = getattr(autoreset_mode, "value", autoreset_mode)
+        check_names("unknown autoreset_mode", [each.value for each in AutoresetMode], mode)
+        self.autoreset_mode = AutoresetMode(mode)
         self.render_mode = render_mode
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode, "render_fps": 1 / self.control_interval}
         self._pictures: list[list[np.ndarray]] = [[] for _ in range(self.num_envs)]  # not yet handed out
@@ -106,6 +109,8 @@ class FishVectorEnv(Keywords, Episodes, VectorEnv):
 
     def restart(self, mask, seeds=None, options=None) -> None:
         """Begin an episode for the fish of the boolean mask (B,), reseeding those whose seed is not None."""
+        if self.render_mode == "human":
+            self._draw()  # an error without a display, before anything is compiled
         super().restart(mask, seeds, options)
         if self._renderer is not None:
             self._renderer.restart(mask)
@@ -244,9 +249,17 @@ class FishVectorEnv(Keywords, Episodes, VectorEnv):
         """Value of an attribute, or result of a method, for each fish, as `SyncVectorEnv.call`."""
         return tuple(call_each(self, name, range(self.num_envs), *args, **kwargs))
 
-    def get_attr(self, name: str) -> tuple[Any, ...]:
-        """The attribute, once for each fish; AttributeError if there is none."""
+    def get_attr(self, name: str, *indices: Any) -> tuple[Any, ...]:
+        """The attribute, once for each fish; AttributeError if there is none. Only Stable-Baselines3 gives indices."""
+        if indices:
+            raise TypeError(f"this {type(self).__name__} is Gymnasium's kind of batch; {FOR_SB3}")
         return self.call(name)
+
+    if not TYPE_CHECKING:  # which would take every name for an attribute
+
+        def __getattr__(self, name: str):
+            said = f"{type(self).__name__!r} object has no attribute {name!r}{f'; {FOR_SB3}' if name in OF_SB3 else ''}"
+            raise AttributeError(said, name=name, obj=self)
 
     def set_attr(self, name: str, values: Any) -> None:
         """Set an option of `settable` for the episodes that begin next: one value, or a list or tuple of one a fish.
@@ -287,8 +300,8 @@ class FishVectorEnv(Keywords, Episodes, VectorEnv):
 
 def check_render_mode(mode, allowed: list[str]) -> None:
     """ValueError unless a render mode is None or among those allowed."""
-    if mode is not None and mode not in allowed:
-        raise ValueError(f"unknown render_mode {mode!r}; choose None, {', '.join(map(repr, allowed))}")
+    if mode is not None:
+        check_names("unknown render_mode", allowed, mode)
 
 
 def make_batch(id: str, num_envs: int, **options) -> FishVectorEnv:

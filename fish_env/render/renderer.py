@@ -1,5 +1,7 @@
 """Renderer: the pictures of an environment, as arrays or in a window."""
 
+import os
+import sys
 from collections import deque
 
 import gymnasium as gym
@@ -13,6 +15,7 @@ from fish_env.scene.look import look_of
 
 PATH_POINTS = 1000  # older points of a path are dropped: they have faded by then
 WINDOW_FISH = 4  # a window shows the first ones of a batch; more could not be drawn in real time
+NO_WINDOW = "no window could be opened ({}): use render_mode='rgb_array', or write a file: fish_env play --save FILE"
 
 
 class WindowClosed(gym.error.Error):
@@ -28,6 +31,8 @@ class Renderer:
     """
 
     def __init__(self, env):
+        if env.render_mode == "human" and not has_display():
+            raise RuntimeError(NO_WINDOW.format("there is no display"))
         self.env, self.form = env, Format(**env.picture)
         self._look = look_of(env.tank.fish, self.form.levels)
         self._paths: list[deque[bytes]] = [deque(maxlen=PATH_POINTS) for _ in range(env.num_envs)]
@@ -108,8 +113,12 @@ def open_window(size: tuple[int, int], title: str) -> pygame.Surface:
         pygame.display.init()
         window = pygame.display.set_mode(size)
     except pygame.error as error:
-        raise RuntimeError(
-            f"no window could be opened ({error}): use render_mode='rgb_array', or run with a display"
-        ) from error
+        raise RuntimeError(NO_WINDOW.format(error)) from error
     pygame.display.set_caption(title)
     return window
+
+
+def has_display() -> bool:
+    """Return True if a window can be seen, as far as that can be known: SDL opens one without a display, too."""
+    display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"))
+    return display or not sys.platform.startswith("linux")
