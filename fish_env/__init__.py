@@ -14,7 +14,6 @@ Controllers and trained policies are in `fish_env.control`, the conditions on wh
 `fish_env.protocols`; `fish_env list` lists what there is.
 """
 
-from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
 from gymnasium.envs.registration import register
@@ -23,6 +22,7 @@ from fish_env.bodies import BODIES, Fish, make_fish
 from fish_env.envs import FishEnv, FishVectorEnv, make_sb3_vec_env, observation_layout
 from fish_env.physics.body import make_body
 from fish_env.physics.integrators import INTEGRATORS, Integrator
+from fish_env.physics.lazy import lazy_names
 from fish_env.physics.records import World
 from fish_env.physics.tank import Tank
 from fish_env.physics.world import make_water
@@ -60,14 +60,7 @@ WHEN_USED = {
     "make_world": "fish_env.soft.room:make_world",
     "prescribe": "fish_env.soft.midline:prescribe",
 }
-"""Names that are loaded when they are first used."""
-
-
-def __getattr__(name: str):
-    if name in WHEN_USED:
-        return resolve_name(WHEN_USED[name])
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
+__getattr__ = lazy_names(__name__, WHEN_USED)
 
 for _name, _task, _options in (*((name, name, {}) for name in TASKS), ("target_3_d", "target", {"dimensions": 3})):
     register(

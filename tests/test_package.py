@@ -81,6 +81,8 @@ def test_vec_env_after_a_plain_import(tmp_path):
     code = """import sys, fish_env
 before = "stable_baselines3" in sys.modules
 same = fish_env.envs.make_sb3_vec_env is fish_env.make_sb3_vec_env and bool(fish_env.envs.sb3.FishVecEnv)
+import fish_env.training.build, fish_env.control as control
+same &= control.export_policy is fish_env.training.build.export_policy is control.equivariant.export_policy
 print(before, same, type(fish_env.make_sb3_vec_env("FishEnv/Stub-v0", num_envs=2)).__name__)"""
     assert run(tmp_path, "-c", code).split()[-3:] == ["False", "True", "VecMonitor"]
 

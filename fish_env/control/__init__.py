@@ -8,9 +8,11 @@
 - `record`, `load_recording`, `replay`: an episode as a file, simulated again and compared bit for bit;
 - `play`, `write_film`, `write_video`: in a window, as a page that turns in 3-D or as a video, with the extra [render].
 
-`fish_env.control.equivariant`, a policy for Stable-Baselines3 that is equivariant under the left-right reflection,
-needs the extra [train] and is not imported here.
+`export_policy` makes a `Policy` of a model of Stable-Baselines3; `fish_env.control.equivariant` is a policy for it that
+is equivariant under the left-right reflection. Both need the extra [train], and are imported when they are first used.
 """
+
+from typing import TYPE_CHECKING
 
 from fish_env.control.evaluation import (
     EPISODES,
@@ -38,6 +40,10 @@ from fish_env.control.replaying import Replay, record, replay
 from fish_env.control.sequencer import Sequencer, SequencerConfig, random_actions, scripted
 from fish_env.control.statistics import Comparison, Interval, compare
 from fish_env.control.video import write_video
+from fish_env.physics.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from fish_env.control.equivariant import export_policy  # noqa: F401
 
 __all__ = [
     "EPISODES",
@@ -79,3 +85,5 @@ __all__ = [
     "write_film",
     "write_video",
 ]
+
+__getattr__ = lazy_names(__name__, {"export_policy": "fish_env.control.equivariant:export_policy"})

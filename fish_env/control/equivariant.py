@@ -166,10 +166,7 @@ class EquivariantPolicy(ActorCriticPolicy):
 
 
 def export_policy(
-    model: BaseAlgorithm | BasePolicy,
-    about: Mapping[str, Any],
-    combine: np.ndarray | None = None,
-    raw: bool = False,
+    model: BaseAlgorithm | BasePolicy, about: Mapping[str, Any], combine: np.ndarray | None = None, raw: bool = False
 ) -> Policy:
     """The deterministic action of a trained model as a `Policy`, which numpy alone can run.
 
@@ -182,13 +179,15 @@ def export_policy(
         about: what the file says of it: env_id, env_options, and whatever else a reader should know. The `interface`
             of the model's environment is added as "trained".
         combine: matrix (A,A') from the policy's actions to those of the environment, if a wrapper combines them; None
-            if they are the same.
+            for that of the package's own trainings, or if they are the same.
         raw: the observations of a policy alone, which does not know its environment, are not normalised.
 
     Raises:
         ValueError: for other policies, layers or spaces, or a wrapper that changes observations or actions, saying why.
     """
     policy, normalisation = model.policy if isinstance(model, BaseAlgorithm) else model, None
+    if combine is None and isinstance(model, BaseAlgorithm):
+        combine = getattr(model.get_env(), "synergy_matrix", None)
     check_spaces(policy.observation_space, policy.action_space, combine is not None)
     if isinstance(model, BaseAlgorithm):
         normalisation = normalisation_of(model, combine is not None)

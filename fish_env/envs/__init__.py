@@ -1,7 +1,5 @@
 """The environments: one implementation of an episode, and its single, vector, stub and Stable-Baselines3 interfaces."""
 
-import importlib
-
 from fish_env.envs.layout import LAYOUT_VERSION, Layout, Part, observation_layout
 from fish_env.envs.make_sb3 import make_sb3_vec_env
 from fish_env.envs.single import FishEnv
@@ -9,6 +7,7 @@ from fish_env.envs.state import FishState
 from fish_env.envs.stub import StubEnv, StubVectorEnv
 from fish_env.envs.variation import VARIATIONS
 from fish_env.envs.vector import FishVectorEnv
+from fish_env.physics.lazy import lazy_names
 
 __all__ = [
     "LAYOUT_VERSION",
@@ -24,9 +23,4 @@ __all__ = [
     "observation_layout",
 ]
 
-
-def __getattr__(name: str):
-    """`fish_env.envs.sb3`, which needs Stable-Baselines3, is loaded when it is first used."""
-    if name == "sb3":
-        return importlib.import_module("fish_env.envs.sb3")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazy_names(__name__, {"sb3": "fish_env.envs.sb3"})  # it needs Stable-Baselines3

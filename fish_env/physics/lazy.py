@@ -1,6 +1,7 @@
 """Entries of tables that are loaded when they are used, as those of Gymnasium's registry are."""
 
 import inspect
+from collections.abc import Callable, Mapping
 from pkgutil import resolve_name
 from typing import Any
 
@@ -19,6 +20,17 @@ class Lazy:
             raise AttributeError(name)
         found = resolve_name(self._text)
         return inspect.signature(found) if name == "__signature__" else getattr(found, name)
+
+
+def lazy_names(module: str, texts: Mapping[str, str]) -> Callable[[str], Any]:
+    """`__getattr__` of a module that loads names when they are first used, each from its text "module:name"."""
+
+    def load(name: str) -> Any:
+        if name in texts:
+            return resolve_name(texts[name])
+        raise AttributeError(f"module {module!r} has no attribute {name!r}")
+
+    return load
 
 
 def load_texts(record: Any, *names: str) -> None:

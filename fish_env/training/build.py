@@ -5,15 +5,14 @@ from typing import Any
 
 from gymnasium.spaces import Dict, flatdim
 from stable_baselines3 import PPO
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
-from fish_env.control import Policy, equivariant
 from fish_env.control.equivariant import EquivariantPolicy, equivariant_options
+from fish_env.control.equivariant import export_policy as export_policy  # the name that it had here
 from fish_env.envs import make_sb3_vec_env
 from fish_env.training.config import TrainConfig
-from fish_env.training.synergy import SynergyWrapper, batch_of, common_actions, mirrored_actions, synergies
+from fish_env.training.synergy import SynergyWrapper, batch_of, common_actions, mirrored_actions
 
 
 def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
@@ -128,9 +127,3 @@ def start_from(model: PPO, other: PPO) -> None:
                 value.zero_()
             value[here] = theirs[there]
     model.policy.load_state_dict(mine)
-
-
-def export_policy(model: BaseAlgorithm, about: dict[str, Any]) -> Policy:
-    """The model's mean action as a `Policy`, the scaling of observations folded into its first layer."""
-    combine = synergies(batch_of(model.get_env()), flatdim(model.action_space))
-    return equivariant.export_policy(model, about, combine)

@@ -75,7 +75,9 @@ class SynergyWrapper(VecEnvWrapper):
 
     def __init__(self, venv: VecEnv, twist: bool = True):
         env = batch_of(venv)
-        self.matrix = synergies(env, None if twist else len(pairs(env.tank.fish))).T.astype(np.float32)
+        self.synergy_matrix = synergies(env, None if twist else len(pairs(env.tank.fish)))
+        """(A,A') from the learner's actions to those of the environment: `export_policy` looks for it by this name."""
+        self.matrix = self.synergy_matrix.T.astype(np.float32)
         size = len(self.matrix)
         super().__init__(venv, action_space=gym.spaces.Box(-ACTION_LIMIT, ACTION_LIMIT, (size,), dtype=np.float32))
 

@@ -14,20 +14,14 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.vec_env import VecEnv
 
+from fish_env.control.equivariant import export_policy
 from fish_env.control.files import write_text
-from fish_env.training.build import export_policy, load_model, make_env, make_model, start_from
+from fish_env.training.build import load_model, make_env, make_model, start_from
 from fish_env.training.callbacks import Checkpoint, LearningCurve, Progress, StopIf, check_finite, save_model
 from fish_env.training.checkout import present_commit
 from fish_env.training.config import PARENT, SCORES, Request, TrainConfig, settings_for
 from fish_env.training.report import report
-from fish_env.training.run_folder import (
-    append_version,
-    check_installed,
-    open_folder,
-    read_curve,
-    read_record,
-    versions,
-)
+from fish_env.training.run_folder import append_version, check_installed, open_folder, read_curve, read_record, versions
 
 MAX_THREADS = 1024
 FALLBACK_FOLDERS = (tempfile.gettempdir(), os.path.expanduser("~"), os.getcwd(), "/dev/shm")
