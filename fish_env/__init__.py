@@ -62,11 +62,15 @@ WHEN_USED = {
 }
 __getattr__ = lazy_names(__name__, WHEN_USED)
 
+SOLVED = {"swim": 18, "turn": 12, "left_after_right": 12, "target": 50, "target_3_d": 20, "avoid": 17, "fast_start": 3}
+"""Mean return that counts as solved: about halfway between the motor controllers and the shipped policy."""
+
 for _name, _task, _options in (*((name, name, {}) for name in TASKS), ("target_3_d", "target", {"dimensions": 3})):
     register(
         id=f"FishEnv/{_name.title().replace('_', '')}-v0",
         entry_point="fish_env.envs:FishEnv",
         vector_entry_point="fish_env.envs:FishVectorEnv",
+        reward_threshold=SOLVED.get(_name),
         max_episode_steps=TASKS[_task].episode_steps,
         kwargs={"task": _task, **_options},
     )

@@ -2,6 +2,7 @@
 
 import json
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from pages import ROOT
@@ -16,6 +17,7 @@ from benchmarks.water import levels
 from fish_env import make_fish
 from fish_env.control.chart import steps_of
 from fish_env.soft.objects import OBJECTS, SONG
+from fish_env.training.config import CONFIGS
 
 
 def one(table, /, **wanted):
@@ -307,6 +309,16 @@ def scores():
     """Values of the published methods by task, condition, method and metric."""
     rows = read_table("learning/methods.csv")
     return {tuple(row[key] for key in ("task", "condition", "method", "metric")): row["value"] for row in rows}
+
+
+def test_reward_thresholds():
+    """Every task is solved from between the motor controllers and the shipped policy on, at the middle third."""
+    returns = {key[0]: value for key, value in scores().items() if key[1:] == ("", "PPO", "return")}
+    assert set(returns) == set(CONFIGS)
+    for task, best in returns.items():
+        without = scores()[task, "", "motor controllers", "return"]
+        share = (gym.spec(CONFIGS[task].env_id).reward_threshold - without) / (best - without)
+        assert best > without and 1 / 3 < share < 2 / 3, f"{task}: set SOLVED near {(best + without) / 2:.0f}"
 
 
 def aims():
