@@ -2,7 +2,7 @@
 
     python train_ppo.py                                   train Swim, save, evaluate; some minutes on two cores
     python train_ppo.py --timesteps 200000 --seed 1       any field of Args is an option
-    python train_ppo.py --env-id FishEnv/Turn-v0          another task
+    python train_ppo.py --env-id FishEnv/Turn-v0 --folder runs/turn       another task, in a folder of its own
 
 It needs fish_env with the extra [train]. The folder that it writes holds the policy (model.zip), the scaling of its
 observations (scaling.pkl), the hyperparameters (args.json) and the scores (scores.json).
@@ -11,6 +11,7 @@ observations (scaling.pkl), the hyperparameters (args.json) and the scores (scor
 import argparse
 import json
 import math
+import sys
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 import fish_env
 
 FIRST_EVALUATION_SEED = 1_000_000  # far from the seeds of training, which count up from `seed`
+COPIES = ("is_success", "TimeLimit.truncated")  # what Stable-Baselines3 reads of an episode's end
 
 
 @dataclass
@@ -59,7 +61,7 @@ class Args:
     evaluations: int = 20
     """episodes of the evaluation"""
     folder: str = "runs/train_ppo"
-    """where the results are written"""
+    """where the results are written: a new folder"""
 
 
 def parse() -> Args:
@@ -102,7 +104,7 @@ def evaluate(args: Args, model: PPO, scaling: VecNormalize) -> dict[str, float]:
         for i in np.flatnonzero(dones):
             ends[i] = ends[i] or infos[i]  # the first episode of each fish
     fish.close()
-    metrics = [name for name, value in ends[0].items() if isinstance(value, float)]
+    metrics = [name for name, value in ends[0].items() if isinstance(value, int | float) and name not in COPIES]
     scores = {"return": float(np.mean([info["episode"]["r"] for info in ends]))}
     return scores | {name: float(np.mean([info[name] for info in ends])) for name in metrics}
 
@@ -111,7 +113,9 @@ def main() -> None:
     """Train, save, evaluate."""
     args = parse()
     folder = Path(args.folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    if folder.exists():
+        sys.exit(f"train_ppo.py: {folder} exists, and no run is overwritten; name another folder with --folder")
+    folder.mkdir(parents=True)
     (folder / "args.json").write_text(json.dumps(asdict(args), indent=2))
     set_random_seed(args.seed)
 

@@ -82,11 +82,13 @@ def test_public_names_only(name):
 
 
 def test_train_ppo(tmp_path):
-    """It trains, saves what a user needs to resume, evaluates, and says how well the fish swims."""
+    """It trains, saves what a user needs to resume, evaluates, says how well the fish turns, and overwrites nothing."""
     pytest.importorskip("stable_baselines3")
-    words = ("--timesteps", 512, "--num-envs", 16, "--evaluations", 3, "--folder", "out")
+    words = ("--env-id", "FishEnv/Turn-v0", "--timesteps", 512, "--num-envs", 16, "--evaluations", 3, "--folder", "out")
     said = run_here(tmp_path, EXAMPLES / "train_ppo.py", *words)
-    assert re.search(r"mean of 3 episodes: return -?\d.*, speed -?\d", said)
+    assert re.search(r"mean of 3 episodes: return -?\d.*, success \d", said) and "is_success" not in said
+    with pytest.raises(SystemExit, match="out exists, and no run is overwritten; name another folder with --folder"):
+        run_here(tmp_path, EXAMPLES / "train_ppo.py", *words)
     found = {path.name for path in (tmp_path / "out").iterdir()}
     assert found == {"args.json", "model.zip", "scaling.pkl", "scores.json"}
     assert json.loads((tmp_path / "out" / "args.json").read_text())["num_envs"] == 16
