@@ -1,7 +1,7 @@
 """The command line of the package, `fish_env` or `python -m fish_env`: train policies, watch and measure them.
 
 fish_env list                         list environments, bodies, integrators and the policies that are shipped
-fish_env train swim                   train a policy (extra [train]); also of an environment of yours, my_module:My-v0
+fish_env train swim --seeds 0 1       train policies (extra [train]); also of an environment of yours, my_module:My-v0
 fish_env play turn                    watch a policy in a window (or --save FILE.html, .mp4, .webp or .gif)
 fish_env evaluate turn runs/swim/...  evaluate policies on fixed seeds (--env-kwargs angle=3.0: in another task)
 fish_env compare swim runs/swim/...   compare two policies with intervals, or one with the controllers without learning
@@ -22,7 +22,7 @@ import os
 import platform
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
@@ -33,16 +33,10 @@ import gymnasium as gym
 
 import fish_env
 from fish_env.bodies.fitted import WATERS
+from fish_env.checks import check_names, similar
 from fish_env.control.chart import chart
-from fish_env.control.console import INSTALL, interrupt_once, run_command
-from fish_env.control.env_spec import make_checked_batch
-from fish_env.control.evaluation import (
-    EPISODES,
-    FIRST_SEED,
-    checked_episodes,
-    environment_for,
-    evaluate,
-)
+from fish_env.control.console import INSTALL, Parser, interrupt_once, run_command
+from fish_env.control.evaluation import EPISODES, FIRST_SEED, checked_episodes
 from fish_env.control.files import writable_file, write_text
 from fish_env.control.film import write_film
 from fish_env.control.playback import play
@@ -50,11 +44,12 @@ from fish_env.control.policy import Policy, load_policy, shipped_policies
 from fish_env.control.printing import print_comparison, print_means
 from fish_env.control.recording import load_recording
 from fish_env.control.replaying import replay
-from fish_env.control.statistics import compare, same_environments, summary
+from fish_env.control.statistics import compare, same_environments
 from fish_env.envs.ahead import compile_ahead, stored_kernels
 from fish_env.envs.options import fish_for
 from fish_env.physics.world import checked_water
-from fish_env.training.config import CONFIGS, FINE_TUNING, as_tuples, check_options
+from fish_env.training.config import CONFIGS, FINE_TUNING, Request, TrainConfig, as_tuples, check_options, settings_for
+from fish_env.training.report import measure_policy
 
 PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "stable-baselines3", "torch", "pygame-ce", "moviepy")
 THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -67,12 +62,10 @@ def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any
 
     A command sets `run`, a function of the parsed arguments that returns the exit status, or None for 0.
     """
-    parser = argparse.ArgumentParser(
-        prog=program, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(prog=program, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.set_defaults(run=list_all, task_module=None)
     commands = parser.add_subparsers(dest="command")
-    module, simulation, policies = (argparse.ArgumentParser(add_help=False) for _ in range(3))
+    module, simulation, policies = (Parser(add_help=False) for _ in range(3))
     module.add_argument("--task-module", metavar="MODULE", help="a module that registers environments, imported first")
     simulation.add_argument("--body", help=f"on another body: {', '.join(fish_env.BODIES)}")
     simulation.add_argument("--integrator", help="with another integrator than the body's own, or that of the training")
@@ -83,7 +76,7 @@ def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any
     policies.add_argument("policies", nargs="*", metavar="policy", help=known)
     policies.add_argument("--policy", type=Path, help="a policy file, whatever its name")
 
-    def add(name: str, run: Callable, text: str, *parents: argparse.ArgumentParser) -> argparse.ArgumentParser:
+    def add(name: str, run: Callable, text: str, *parents: Parser) -> Parser:
         command = commands.add_parser(name, help=text, parents=parents)
         command.set_defaults(run=run)
         return command
@@ -94,11 +87,11 @@ def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any
     play_it.add_argument("--save", "--to", "--video", type=Path, dest="to", help=f"write a file: {FILES}")
     score = add("evaluate", evaluate_policies, "evaluate policies on fixed seeds", policies, simulation, module)
     score.add_argument("--save", "--to", type=Path, dest="to", help="write the means to a .json file too")
-    for command, seed, count in ((play_it, 0, 1), (score, FIRST_SEED, EPISODES)):
+    text = "evaluate two policies in the same episodes, or any beside the controllers without learning"
+    beside = add("compare", compare_policies, text, policies, simulation, module)
+    for command, seed, count in ((play_it, 0, 1), *((each, FIRST_SEED, EPISODES) for each in (score, beside))):
         command.add_argument("--seed", type=int, default=seed, help=f"of the first episode (default {seed})")
         command.add_argument("--episodes", type=int, default=count, help=f"how many (default {count})")
-    text = "evaluate two policies in the same episodes, or any beside the controllers without learning"
-    add("compare", compare_policies, text, policies, simulation, module)
     command = add("report", run_report, "write an HTML page of one run or more", module)
     command.add_argument("folders", type=Path, nargs="+", help="of runs; seeds are put together")
     command.add_argument("--save", type=Path, help="the page (default report.html in the folder of all)")
@@ -127,7 +120,9 @@ def add_training_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("task", help=f"{', '.join(CONFIGS)}, the id of an environment, or module:Id")
     text = "settings of the training: learning_rate=3e-4 rollout=64 hidden=[32,32]"
     command.add_argument("--hyperparameters", **PAIRS, help=text)
-    command.add_argument("--seed", type=int, help="of the learner (default 0)")
+    seeds = command.add_mutually_exclusive_group()
+    seeds.add_argument("--seed", type=int, help="of the learner (default 0)")
+    seeds.add_argument("--seeds", type=int, nargs="+", metavar="SEED", help="a run for each, one after the other")
     command.add_argument("--timesteps", type=int, help="environment steps to train for (default that of the task)")
     command.add_argument("--num-envs", type=int, help="fish trained side by side (default 256)")
     command.add_argument("--resume", type=Path, help="folder of a run to resume")
@@ -215,31 +210,41 @@ def fish_of(name: str, water: str | None) -> fish_env.Fish:
 
 
 def run_training(arguments: argparse.Namespace) -> None:
-    """Train; a signal saves the run."""
+    """Train a run for each seed; a signal saves it, and no other begins."""
     changes = settings_from("--hyperparameters", arguments.hyperparameters)
+    check_names("unknown setting", vars(TrainConfig("")), *changes)
     counts = {name: getattr(arguments, name) for name in ("timesteps", "num_envs")}
     changes |= {name: count for name, count in counts.items() if count is not None}
     module, colon, name = arguments.task.rpartition(":")
     if colon:
         import_task_module(module)
+    task = next((short for short, config in CONFIGS.items() if config.env_id == name), name)
+    if task not in {*CONFIGS, *gym.registry} and similar(task, CONFIGS):
+        check_names("unknown task", CONFIGS, task)
+    if arguments.seeds and (arguments.folder or arguments.resume):
+        raise ValueError("--seeds begins several runs, and --folder and --resume are of one; give --runs, or --seed")
+    request = Request(
+        task=task,
+        seed=arguments.seed,
+        root=arguments.runs,
+        folder=arguments.folder,
+        resume=arguments.resume,
+        start=arguments.start_from,
+        env_options=simulation(arguments),
+        changes=changes,
+        pictures=not arguments.no_pictures,
+        torch_threads=arguments.torch_threads,
+        stopped=lambda: bool(arguments.signals),
+    )
+    requests = [replace(request, seed=seed) for seed in dict.fromkeys(arguments.seeds or [arguments.seed])]
     with interrupt_once(arguments.signals):
-        from fish_env.training.train import Request, train
+        from fish_env.training.train import train
 
-        train(
-            Request(
-                task=next((short for short, config in CONFIGS.items() if config.env_id == name), name),
-                seed=arguments.seed,
-                root=arguments.runs,
-                folder=arguments.folder,
-                resume=arguments.resume,
-                start=arguments.start_from,
-                env_options=simulation(arguments),
-                changes=changes,
-                pictures=not arguments.no_pictures,
-                torch_threads=arguments.torch_threads,
-                stopped=lambda: bool(arguments.signals),
-            )
-        )
+        for each in requests if arguments.seeds else ():
+            settings_for(each)  # a mistake in the last seed is found before the first run
+        folders = [train(each) for each in requests]
+    if arguments.seeds:
+        print(f"Compare:  fish_env report {' '.join(map(str, folders))}")
 
 
 def find_policy(name: str) -> str | Path:
@@ -276,17 +281,12 @@ def play_policy(arguments: argparse.Namespace) -> None:
 
 def evaluate_policies(arguments: argparse.Namespace) -> None:
     """Print the means over the episodes, a column for each policy, and write them to a file on request."""
-    checked_episodes(arguments.episodes, arguments.seed)
+    about = checked_episodes(arguments.episodes, arguments.seed)
     if arguments.to is not None:
         writable_file(arguments.to, (".json",))
-    records, changes = [], simulation(arguments)
-    for name, policy in load_policies(arguments).items():
-        env_id, options = environment_for(policy, changes)
-        with closing(make_checked_batch(env_id, options, arguments.episodes)) as env:
-            scores = evaluate(env, policy, arguments.seed)
-        about = {"env_id": env_id, "env_options": options, "policy": name, "episodes": arguments.episodes}
-        simulated = {"body": None, "integrator": None, "dt": None, **changes}
-        records.append(about | {"first_seed": arguments.seed, **simulated, **summary(scores)})
+    changes = simulation(arguments)
+    simulated = {"body": None, "integrator": None, "dt": None, **changes}
+    records = [simulated | measure_policy(*one, False, changes, *about)[0] for one in load_policies(arguments).items()]
     for env_id in dict.fromkeys(record["env_id"] for record in records):
         print_means([record for record in records if record["env_id"] == env_id])
     if arguments.to is not None:
@@ -295,19 +295,18 @@ def evaluate_policies(arguments: argparse.Namespace) -> None:
 
 def compare_policies(arguments: argparse.Namespace) -> None:
     """Print the difference of two policies with intervals, or means of others beside those of simple controllers."""
-    changes = simulation(arguments)
+    changes, (episodes, seed) = simulation(arguments), checked_episodes(arguments.episodes, arguments.seed)
     if not arguments.policies and arguments.policy is None:
         arguments.policies = list(shipped_policies())
     policies = load_policies(arguments)
     if len(policies) == 2:
         first, second = policies.values()
-        found = compare(first, second, **changes)
-        print_comparison(same_environments([first, second], changes), list(policies), found)
+        found = compare(first, second, seed=seed, episodes=episodes, **changes)
+        about = f"{episodes} episodes, seeds from {seed}"
+        print_comparison(same_environments([first, second], changes), list(policies), found, about)
     else:
-        from fish_env.training.report import measure_policy
-
         for name, policy in policies.items():
-            print_means(measure_policy(name, policy, True, changes))
+            print_means(measure_policy(name, policy, True, changes, episodes, seed))
 
 
 def run_report(arguments: argparse.Namespace) -> None:

@@ -10,7 +10,7 @@ from functools import cache, wraps
 from inspect import signature
 from numbers import Real
 from pathlib import Path
-from typing import TypeGuard, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -40,7 +40,7 @@ def checked_keywords(function: F) -> F:
     said = f"{function.__qualname__.removesuffix('.__init__')} has no keyword"
 
     @wraps(function)
-    def call(*args, **given):
+    def call(*args: Any, **given: Any) -> Any:
         check_names(said, allowed, *given, error=UnknownOptionError)
         return function(*args, **given)
 

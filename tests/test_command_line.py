@@ -84,15 +84,18 @@ def test_evaluate(tmp_path, capsys, monkeypatch):
 
 def test_compare(capsys):
     """Two policies are compared in the same episodes, with intervals; one stands beside simple controllers."""
-    assert command_line.main(["compare", "left_after_right", "turn"]) == 0
-    found = compare("left_after_right", "turn")["heading_error"]
+    few = ["--episodes", "8", "--seed", "7"]
+    assert command_line.main(["compare", "left_after_right", "turn", *few]) == 0
+    found = compare("left_after_right", "turn", seed=7, episodes=8)["heading_error"]
     cells = [f"{value:.4g} ({low:.4g} to {high:.4g})" for value, low, high in found]
-    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    printed = capsys.readouterr().out
+    assert "mean over 8 episodes, seeds from 7, with 95 % intervals\n" in printed
+    lines = {line.split()[0]: line for line in printed.splitlines()}
     assert lines["left_after_right"].split() == ["left_after_right", "turn", "difference"]
-    assert found.difference.low > 0.0 or found.difference.high < 0.0
     assert re.split("  +", lines["heading_error"].strip()) == ["heading_error", *cells]
-    assert command_line.main(["compare", "swim", "--integrator", "semi_implicit"]) == 0
-    assert re.search("motor controllers +swim\n", capsys.readouterr().out)
+    assert command_line.main(["compare", "swim", "--integrator", "semi_implicit", *few]) == 0
+    printed = capsys.readouterr().out
+    assert re.search("motor controllers +swim\n", printed) and "mean over 8 episodes, seeds from 7\n" in printed
 
 
 def test_play(tmp_path, capsys):
@@ -116,6 +119,18 @@ def test_play_gets_what_the_command_line_says(tmp_path, monkeypatch):
     (one, *first), (two, *second) = given
     assert one.about == two.about and one.about["env_id"] == "FishEnv/Swim-v0"
     assert first == [3, 1, video, {"body": "planar"}] and second == [4, 1, video, {}]
+
+
+def test_a_run_for_each_seed(capsys, monkeypatch):
+    """Each seed of --seeds is trained once, in a folder of its own, and the command that compares them is printed."""
+    train = pytest.importorskip("fish_env.training.train")
+    given = []
+    monkeypatch.setattr(train, "train", lambda request: given.append(request) or Path(f"run{request.seed}"))
+    assert command_line.main(["train", "swim", "--seeds", "3", "1", "3", "--timesteps", "2048"]) == 0
+    assert [(one.seed, one.folder, one.changes) for one in given] == [(s, None, {"timesteps": 2048}) for s in (3, 1)]
+    assert "fish_env report run3 run1\n" in capsys.readouterr().out
+    assert command_line.main(["train", "swim", "--seeds", "0", "-1"]) == 2 and len(given) == 2
+    assert "seed is -1; give a whole number" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -277,7 +292,7 @@ def test_train_py(tmp_path):
 def test_names_that_no_file_has(arguments, capsys, monkeypatch, tmp_path):
     """Names that are too long, or are those of folders, are mistakes like others, found before anything is computed."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(command_line, "evaluate", lambda *given: pytest.fail("it was computed"))
+    monkeypatch.setattr("fish_env.training.report.evaluate", lambda *given: pytest.fail("it was computed"))
     assert command_line.main(arguments) == 2
     printed = capsys.readouterr()
     assert printed.err.startswith("fish_env: ") and printed.err.count("\n") == 1 and not list(tmp_path.iterdir())

@@ -286,7 +286,7 @@ def test_command_lines(tmp_path_factory, arguments):
     """`python -m fish_env` with any words: done, or one line and status 2; it writes nothing outside its folder."""
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as err:
         patch.chdir(tmp_path_factory.getbasetemp())
-        patch.setattr(command_line, "evaluate", lambda controller, env, seed: {"speed": np.zeros(env.num_envs)})
+        patch.setattr("fish_env.training.report.evaluate", lambda env, policy, seed: {"speed": np.zeros(env.num_envs)})
         patch.setattr(command_line, "play", lambda *arguments, **options: None)
         try:
             status = command_line.main(arguments)

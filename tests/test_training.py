@@ -687,7 +687,7 @@ def test_a_page_that_cannot_be_written(runs, tmp_path):
     for folders, options, message in (
         ([bad], {}, "bad is not a training run: it is not a folder"),
         ([tmp_path], {}, "it holds no config.json, curve.csv, policy.npz; give a folder that"),
-        ([runs / "seed0"], {"episodes": 0}, "--episodes is 0"),
+        ([runs / "seed0"], {"episodes": 0}, "episodes is 0"),
         ([], {}, "there is no folder"),
         ([runs / "seed0"], {"path": tmp_path / "page.pdf"}, r"give a name that ends in .html"),
     ):

@@ -1,19 +1,40 @@
-"""End of a command: an exit status, at most one line with the error, no traceback, and saved work after a signal."""
+"""A command: its options, an exit status, one line with an error, no traceback, and saved work after a signal."""
 
+import argparse
 import os
 import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
 import gymnasium as gym
 
+from fish_env.checks import similar
+
 ERROR, STOPPED, BROKEN_PIPE = 2, 130, 141  # the last two as for other programs that a signal ends, 128 and its number
 LINE = 2000  # characters of an error: a file may hold text of any length
-
-
 INSTALL = 'pip install "fish_env[train]"'
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says which name an unknown one resembles; each of its commands shows its own usage."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """Parse, and end the program for options that the command does not have."""
+        found, others = super().parse_known_args(args, namespace)
+        if others:
+            near = similar(others[0].partition("=")[0], self._option_string_actions)
+            self.error(f"unrecognized arguments: {' '.join(others)}{near}")
+        return found, others
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            error.message += similar(value, action.choices or ())
+            raise
 
 
 def run_command(name: str, command: Callable[[], int], install: str = INSTALL) -> int:

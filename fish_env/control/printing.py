@@ -5,8 +5,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fish_env.control.evaluation import EPISODES, FIRST_SEED
 from fish_env.control.statistics import SIGNED, Comparison, Interval
+
+Environments = Sequence[tuple[str, dict[str, Any]]]
+"""Ids and keywords."""
 
 
 def print_means(records: list[dict]) -> None:
@@ -26,21 +28,14 @@ def print_means(records: list[dict]) -> None:
     _print_table(environments, [record["policy"] for record in records], about, rows)
 
 
-def print_comparison(
-    environments: Sequence[tuple[str, dict[str, Any]]], names: Sequence[str], found: Mapping[str, Comparison]
-) -> None:
+def print_comparison(envs: Environments, names: Sequence[str], found: Mapping[str, Comparison], about: str) -> None:
     """Print what `compare` found about two policies of these names: means and their difference, with intervals."""
     rows = {metric: [f"{one:.4g}" for one in every] for metric, every in found.items()}
-    about = f"{EPISODES} episodes, seeds from {FIRST_SEED}, with 95 % intervals"
-    _print_table(environments, names, about, rows, "difference")
+    _print_table(envs, names, f"{about}, with 95 % intervals", rows, "difference")
 
 
 def _print_table(
-    environments: Sequence[tuple[str, dict[str, Any]]],
-    names: Sequence[str],
-    mean_over: str,
-    rows: Mapping[str, Sequence[str]],
-    *others: str,
+    environments: Environments, names: Sequence[str], mean_over: str, rows: Mapping[str, Sequence[str]], *others: str
 ) -> None:
     """Print environment and options, and rows of cells under the names of policies; one name alone is left out."""
     short = [Path(name).parent.name if Path(name).name == "policy.npz" else name for name in names]

@@ -165,6 +165,7 @@ def compare(
     env: FishVectorEnv | gym.Env | None = None,
     seed: int = FIRST_SEED,
     options: dict[str, float] | None = None,
+    episodes: int | None = None,
     **changes,
 ) -> dict[str, Comparison]:
     """Compare two policies, or two lists of policies that were trained with different seeds, on the same episodes.
@@ -172,10 +173,11 @@ def compare(
     Args:
         policy: what `evaluate` takes, or a list of them.
         other: likewise.
-        env: as for `evaluate`; None for 100 episodes in the environment that the first policy was trained in, or the
+        env: as for `evaluate`; None for episodes in the environment that the first policy was trained in, or the
             second if the first is no policy file. `INTERFACE_OPTIONS` there are those of their own trainings.
         seed: of the first episode.
         options: of the resets.
+        episodes: how many, 100 for None; a batch has as many as it has fish.
         changes: keywords of the environment instead of those of the trainings; None is ignored.
 
     Returns:
@@ -187,19 +189,15 @@ def compare(
         ValueError: without an environment; for policies that were trained with other options, unless they are changed;
             for changes of a given environment; and what `evaluate` raises.
     """
-    groups, found = [_loaded(policy), _loaded(other)], {}
+    groups, found, count = [_loaded(policy), _loaded(other)], {}, EPISODES if episodes is None else episodes
     every = [one for group in groups for one in group]
     if env is not None and changes:
         raise ValueError(f"an environment is given, and {', '.join(changes)} too; make it with them")
     made = same_environments(every, changes) if env is None else [None] * len(every)
     results: list[Scores] = []
     for one, own in zip(every, made, strict=True):
-        with (
-            nullcontext(cast(FishVectorEnv, env))
-            if own is None
-            else closing(make_checked_batch(*own, EPISODES)) as batch
-        ):
-            results.append(evaluate(batch, one, seed, options))
+        with closing(make_checked_batch(*own, count)) if own else nullcontext(cast(FishVectorEnv, env)) as batch:
+            results.append(evaluate(batch, one, seed, options, episodes))
     scores = [results[: len(groups[0])], results[len(groups[0]) :]]
     for metric in scores[0][0]:
         draws = resampled_means(scores, metric, np.random.default_rng(0))

@@ -7,20 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from fish_env.bodies.fitted import level_of
-from fish_env.control import (
-    EPISODES,
-    FIRST_SEED,
-    Controller,
-    Policy,
-    best_gait,
-    evaluate,
-    gait_controller,
-    load_policy,
-    random_actions,
-    scripted,
-)
+from fish_env.control import Controller, Policy, best_gait, gait_controller, load_policy, random_actions, scripted
 from fish_env.control.env_spec import make_checked_batch
-from fish_env.control.evaluation import environment_for
+from fish_env.control.evaluation import EPISODES, FIRST_SEED, environment_for, evaluate
 from fish_env.control.files import write_text
 from fish_env.control.printing import print_means
 from fish_env.control.statistics import summary
@@ -39,18 +28,21 @@ def baselines(env: FishVectorEnv) -> dict[str, Controller]:
     return found
 
 
-def measure_policy(name: str, policy: Policy, with_baselines: bool, changes: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Records for `print_means` of a policy on the fixed seeds, after those of the baselines if `with_baselines`."""
+def measure_policy(
+    name: str, policy: Policy, with_baselines: bool, changes: Mapping[str, Any], episodes: int, seed: int = FIRST_SEED
+) -> list[dict[str, Any]]:
+    """Records for `print_means` of a policy on these seeds, after those of the baselines if `with_baselines`."""
     env_id, options = environment_for(policy, changes)
-    about = {"env_id": env_id, "env_options": options, "episodes": EPISODES, "first_seed": FIRST_SEED}
-    with closing(make_checked_batch(env_id, options, EPISODES)) as env:
+    about = {"env_id": env_id, "env_options": options, "episodes": episodes, "first_seed": seed}
+    with closing(make_checked_batch(env_id, options, episodes)) as env:
         every = (baselines(env) if with_baselines else {}) | {name: policy}
-        return [about | {"policy": one, **summary(evaluate(env, act))} for one, act in every.items()]
+        return [about | {"policy": one, **summary(evaluate(env, act, seed))} for one, act in every.items()]
 
 
 def report(folder: Path, config: TrainConfig, pictures: bool = True) -> None:
     """Evaluate on fixed seeds and write results.json; with pictures, print the table and write report.html too."""
-    records = measure_policy("trained policy", load_policy(folder / "policy.npz", config.env_id), pictures, {})
+    policy = load_policy(folder / "policy.npz", config.env_id)
+    records = measure_policy("trained policy", policy, pictures, {}, EPISODES)
     rows = {record["policy"]: record["means"] for record in records}
     results = {"episodes": EPISODES, "first_seed": FIRST_SEED, "rows": rows}
     write_text(folder / "results.json", json.dumps(results, indent=2) + "\n")

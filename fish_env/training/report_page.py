@@ -13,19 +13,9 @@ import matplotlib as mpl
 import numpy as np
 
 from fish_env.bodies import Fish
-from fish_env.control import (
-    EPISODES,
-    FIRST_SEED,
-    Policy,
-    Recording,
-    Scores,
-    evaluate,
-    load_policy,
-    make_policy_env,
-    record,
-)
+from fish_env.control import Policy, Recording, Scores, load_policy, make_policy_env, record
 from fish_env.control.env_spec import make_checked_env
-from fish_env.control.evaluation import environment_for
+from fish_env.control.evaluation import EPISODES, FIRST_SEED, checked_episodes, environment_for, evaluate
 from fish_env.control.files import replacing, writable_file
 from fish_env.control.film import FilmEpisode, film_data, film_text
 from fish_env.control.statistics import SHARES, SIGNED, Interval, interval
@@ -94,8 +84,7 @@ def write_report(folders: Sequence[str | Path], path: Path | None = None, episod
         ValueError: for no folder or one that contains no run, for more groups than there are colours, fewer than one
             episode, or a page that cannot be written.
     """
-    if episodes < 1:
-        raise ValueError(f"--episodes is {episodes}; give a whole number, at least 1")
+    checked_episodes(episodes, FIRST_SEED)
     runs = [read_run(folder) for folder in dict.fromkeys(Path(folder).resolve() for folder in folders)]
     if not runs:
         raise ValueError(f"there is no folder; give folders of runs, with {', '.join(FILES)}")
