@@ -95,7 +95,7 @@ def test_compare(capsys):
     assert re.split("  +", lines["heading_error"].strip()) == ["heading_error", *cells]
     assert command_line.main(["compare", "swim", "--integrator", "semi_implicit", *few]) == 0
     printed = capsys.readouterr().out
-    assert re.search("motor controllers +swim\n", printed) and "mean over 8 episodes, seeds from 7\n" in printed
+    assert re.search("motor controllers +swim\n", printed) and "mean over 8 episodes, seeds from 7;" in printed
 
 
 def test_play(tmp_path, capsys):
