@@ -105,7 +105,7 @@ PUBLICATIONS = {
         {"90 left": ({}, {"turn": math.pi / 2}), "90 right": ({}, {"turn": -math.pi / 2})},
     ),
     "left_after_right": Publication(
-        "turn left before a right turn is over, and mirrored", ("success", "latency"), TURNING, TURNS,
+        "turn left before a right turn is over", ("success", "latency"), TURNING, TURNS,
         {
             "left after right": ({}, {"side": -1}),
             "right after left": ({}, {"side": 1}),
@@ -116,12 +116,12 @@ PUBLICATIONS = {
     "target": Publication("reach targets one after another", ("time_per_target",), TARGETS, TARGETS),
     "target_3d": Publication("the same in three dimensions", ("success",), TARGETS, TARGETS),
     "avoid": Publication(
-        "pass a sudden obstacle, perhaps in a turn, and come back to the heading", ("avoided", "success"), AVOIDING,
+        "pass a sudden obstacle and return to the heading", ("avoided", "success"), AVOIDING,
         ("avoided", "passed", "success", "clearance", "return"),
         {"after a turn": ({"turning": 1.0}, {}), "in a current": ({}, {"current": 0.5, "current_heading": 1.5})},
     ),
     "fast_start": Publication(
-        "get away in a commanded direction, from rest or a glide", ("escape_distance",), STARTING,
+        "get away in a commanded direction", ("escape_distance",), STARTING,
         ("success", "escape_distance", *ANGLES, "distance_200ms", "peak_acceleration"),
         {"90 degrees, from rest": ({"speed": 0.0, "wait": 0.0}, {"turn": math.pi / 2})},
     ),
@@ -300,15 +300,16 @@ def is_shown(row: dict) -> bool:
 
 def summary() -> str:
     """The README's table: the goal of each task, and the metrics that say most, without their intervals, by method."""
-    methods = ("random", "best open-loop gait", "motor controllers", "PPO")
+    methods = ("random", "motor controllers", "PPO")
     lines, stored = [], select(read_stored(METHODS), condition="")
     for task, publication in PUBLICATIONS.items():
+        name = f"[`{CONFIGS[task].env_id.removeprefix('FishEnv/')}`](docs/envs/{task.removesuffix('_3d')}.md)"
+        about = f"{name}: {publication.goal}"
         for metric in publication.headline if select(stored, task=task, method="PPO") else ():
             found = {row["method"]: cell(row, False) for row in select(stored, task=task, metric=metric)}
-            name = f"[`{CONFIGS[task].env_id.removeprefix('FishEnv/')}`](docs/envs/{task.removesuffix('_3d')}.md)"
-            cells = (found.get(method, "-") for method in methods)
-            lines.append((name, publication.goal, UNITS[metric][0], *cells))
-    return markdown(("Task", "Goal", "Metric", *(name.removeprefix("best ") for name in methods)), lines)
+            lines.append((about, UNITS[metric][0], *(found.get(method, "-") for method in methods)))
+            about = ""
+    return markdown(("Task", "Metric", *methods), lines)
 
 
 def table_of(rows: list[dict], metrics: Iterable[str]) -> str:
