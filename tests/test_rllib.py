@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pages import ROOT, blocks
+from pages import ROOT
 
 import fish_env
 from fish_env.envs.vector import make_batch
@@ -107,19 +107,6 @@ def test_learns(example, args, tmp_path):
     policy = fish_env.control.load_policy(tmp_path / "policy.npz")
     env = fish_env.control.make_eval_env(args.env_id, 5, dict(policy.about["env_options"]))
     assert np.mean(fish_env.control.evaluate(env, policy)["speed"]) > 1.0
-
-
-def test_many_trainings(example, tmp_path):
-    """The program of the page trains on the processors of a cluster."""
-    import ray
-
-    page = ROOT / "docs" / "other-learners.md"
-    (program,) = (block.text for block in blocks(page, "python") if "ray.remote" in block.text)
-    scope = {"__name__": "many"}
-    exec(program, scope)
-    short = ["--timesteps", "2048", "--num-envs", "16", "--no-pictures"]
-    assert ray.get([scope["train"].remote("swim", seed, str(tmp_path), *short) for seed in range(2)]) == [0, 0]
-    assert all((tmp_path / f"swim_{seed}" / "policy.npz").exists() for seed in range(2))
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "auto", "nowhere"])
