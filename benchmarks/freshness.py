@@ -28,12 +28,12 @@ def header_of(path: Path) -> dict[str, str]:
         with np.load(path) as file:
             return json.loads(str(file["provenance"])) if "provenance" in file else {}
     if path.suffix == ".json":
-        found = json.loads(path.read_text())
+        found = json.loads(path.read_text("utf-8"))
         parts = [part for part in (found, *found.values()) if isinstance(part, dict)]  # of levels of water
         return next((part["provenance"] for part in parts if "provenance" in part), {})
     if path.suffix != ".csv":
         return {}
-    lines = (line[2:] for line in path.read_text().splitlines() if line.startswith("# "))
+    lines = (line[2:] for line in path.read_text("utf-8").splitlines() if line.startswith("# "))
     return dict(line.split(": ", 1) for line in lines if ": " in line)
 
 

@@ -2,8 +2,10 @@
 
 import copy
 import dataclasses
+import errno
 import io
 import json
+import os
 import tracemalloc
 from contextlib import redirect_stderr, redirect_stdout
 from functools import partial
@@ -26,6 +28,7 @@ from fish_env.control import (
     replay,
     write_film,
 )
+from fish_env.control.files import write_csv, write_text
 from fish_env.control.motor import MOTOR_FILE, load_tables, start_mc, swim_mc, turn_mc
 from fish_env.control.recording import arrays_of
 
@@ -270,6 +273,66 @@ def test_the_good_file_of_the_trial_is_used(place, wholes, kind):
     """What the trial changes is read, replayed, played and evaluated as it is: refusals are due to the changes."""
     place.write_bytes(data_of(wholes[kind]))
     assert set(try_file(KINDS[kind], place)) == {0}
+
+
+# Disks that fail
+
+
+def write_policy(path, marks):
+    """A file of a policy whose mark is told by `about`."""
+    policy = load_policy("swim")
+    dataclasses.replace(policy, about={**policy.about, "mark": marks}).save(path)
+
+
+WRITERS = {
+    "policy.npz": write_policy,
+    "model.pt": lambda path, marks: load_policy(("swim", "turn")[marks]).to_torchscript(path),
+    "policy.onnx": lambda path, marks: load_policy(("swim", "turn")[marks]).to_onnx(path),
+    "episode.npz": lambda path, marks: record(gym.make(SHORT), np.full((3, 12), marks), seed=1).save(path),
+    "film.html": lambda path, marks: write_film(record(gym.make(SHORT), np.full((3, 12), marks), seed=1), path),
+    "film.webp": lambda path, marks: write_film(record(gym.make(SHORT), np.full((3, 12), marks), seed=1), path),
+    "table.csv": lambda path, marks: write_csv(path, [["a", "b"], *[[marks, "é"]] * 3000]),
+    "results.json": lambda path, marks: write_text(path, json.dumps({"marks": [marks] * 3000})),
+}
+"""Every kind of file, written with the mark 0 or 1."""
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_disk_that_fails(name, tmp_path, monkeypatch):
+    """Whichever of the writes, of the flushes and of the renames fails: an error says so, and the old file is whole."""
+    resource = pytest.importorskip("resource", reason="this system has no limit on the size of a file")
+    pytest.importorskip(
+        {"pt": "torch", "onnx": "onnx", "html": "pygame", "webp": "PIL"}.get(name.split(".")[1], "numpy")
+    )
+    path, write = tmp_path / name, WRITERS[name]
+    write(path, 1)
+    size = path.stat().st_size
+    write(path, 0)
+    before = path.read_bytes()
+
+    def fails():
+        with pytest.raises((OSError, ValueError)):
+            write(path, 1)
+        assert path.read_bytes() == before and [each.name for each in tmp_path.iterdir()] == [name]
+
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for written in (0, 1, size // 3, size - 1):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (written, limits[1]))  # the write that would pass it fails
+        try:
+            fails()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    for call in ("fsync", "replace"):
+        with monkeypatch.context() as patch:
+            patch.setattr(os, call, partial(refuse, call))
+            fails()
+    write(path, 1)
+    assert path.read_bytes() != before
+
+
+def refuse(call, *arguments):
+    """A system call that fails."""
+    raise OSError(errno.EIO, f"{call} failed")
 
 
 # Command lines

@@ -36,12 +36,12 @@ def kept(name: str, function: Callable, *job: Any) -> Any:
         found = function(*job)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, json.dumps(found))
-    return json.loads(path.read_text())
+    return json.loads(path.read_text("utf-8"))
 
 
 def publish(path: Path, water: str, record: dict) -> None:
     """Replace what a file of the package has for a level of water, with its provenance."""
-    known = json.loads(path.read_text()) if path.exists() else {}
+    known = json.loads(path.read_text("utf-8")) if path.exists() else {}
     known[water] = {"provenance": provenance(f"{COMMAND} --water {water}"), **record}
     write_text(path, json.dumps(known, indent=2) + "\n")
 

@@ -22,6 +22,7 @@ from fish_env import Fish, make_fish
 from fish_env.bodies import BODIES as KINDS
 from fish_env.bodies.fitted import WATERS
 from fish_env.control import best_gait
+from fish_env.control.files import write_text
 
 SHOWN = "reactive"  # in the chart
 PAGE = ROOT / "docs" / "validation.md"
@@ -153,7 +154,7 @@ def draw() -> None:
     """Fill in the page; draw the envelope of the midline at the three speeds, bodies beside the living fish."""
     rows = read_table("living_fish.csv")
     tables = {"living": table(rows), "strength": strength_table(read_table("strength.csv"))}
-    PAGE.write_text(filled(PAGE.read_text(), tables))
+    write_text(PAGE, filled(PAGE.read_text("utf-8"), tables))
     figure, axes = pyplot().subplots(1, 3, figsize=(11, 3.4), sharey=True, layout="constrained")
     looks = {("tetrahedral", 3): "s-", ("mass_spring", ""): "o--", ("planar", ""): "v:", ("two_layer", ""): "^-."}
     for k, (panel, real) in enumerate(zip(axes, TROUT, strict=True)):

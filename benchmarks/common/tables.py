@@ -69,7 +69,7 @@ def replace_rows(name: str, rows: list[dict], tasks: Iterable[str], command: str
 
 def read_rows(path: Path) -> list[dict]:
     """Return the rows of a CSV file, every value as text, without the comment lines."""
-    with path.open() as file:
+    with path.open(encoding="utf-8") as file:
         return list(csv.DictReader(line for line in file if not line.startswith("#")))
 
 

@@ -155,7 +155,7 @@ def publish(root: Path, tasks=None) -> None:
     if {row["task"] for row in read_stored(CURVES)} == set(CONFIGS):
         draw_curves(IMAGES / "curves.svg")
     for page, tables in ((PAGE, tables_of_page()), (README, {"summary": summary()})):
-        write_text(page, filled(page.read_text(), tables))
+        write_text(page, filled(page.read_text("utf-8"), tables))
 
 
 def publish_task(task: str, runs: list[Path]) -> None:

@@ -17,6 +17,7 @@ from benchmarks.common.tables import RESULTS, ROOT, filled, markdown, publish, r
 from fish_env import Fish, make_fish
 from fish_env.bodies.fitted import WATERS
 from fish_env.control import evaluate, make_eval_env, scripted
+from fish_env.control.files import write_text
 from fish_env.physics.world import VACUUM, change_water
 
 PAGE = ROOT / "docs" / "choosing-the-water.md"
@@ -242,7 +243,9 @@ PANELS = (  # of the chart: scene, quantity, title
 
 def draw() -> None:
     """Fill the page, and draw a panel for each quantity: bars for fish and levels, a band for living fish."""
-    PAGE.write_text(filled(PAGE.read_text(), {mark: table(read_table(name)) for mark, (name, table) in TABLES.items()}))
+    write_text(
+        PAGE, filled(PAGE.read_text("utf-8"), {mark: table(read_table(name)) for mark, (name, table) in TABLES.items()})
+    )
     values = values_of(read_table("water_levels.csv"))
     figure, axes = pyplot().subplots(2, 4, figsize=(14, 6.4), layout="constrained")
     for panel, (scene, quantity, title) in zip(axes.flat, PANELS, strict=True):

@@ -20,7 +20,7 @@ def read_calibration(body: str, water: str | None = None) -> dict:
     Raises:
         ValueError: for another level of water.
     """
-    found, level = json.loads(data("fish_env.bodies", f"{body}.json").read_text()), check_level(water)
+    found, level = json.loads(data("fish_env.bodies", f"{body}.json").read_text("utf-8")), check_level(water)
     if level not in found:
         known = ", ".join(f"water={name!r}" for name in found)
         raise ValueError(f"the {body} fish is not calibrated for water={level!r}; give {known}")

@@ -76,7 +76,7 @@ def read_outline(given) -> Outline:
     if isinstance(given, Outline):
         return given
     if isinstance(given, str):
-        known = json.loads(data("fish_env.bodies", "outlines.json").read_text())
+        known = json.loads(data("fish_env.bodies", "outlines.json").read_text("utf-8"))
         if given not in known:
             names = ", ".join(map(repr, known))
             raise ValueError(f"unknown outline {given!r}; choose {names} or give a table of stations, shape (S, 3)")

@@ -139,4 +139,4 @@ def write_torchscript(parts: Mapping[str, Any], path: Path) -> None:
         policy = nn.Sequential(*modules).requires_grad_(False)  # what it gives is read as plain numbers
         made: Any = torch.jit.trace(policy, torch.zeros(1, len(arrays["weight0"])))
     with replacing(path) as partial:
-        made.save(str(partial))
+        partial.write_bytes(made.save_to_buffer())  # torch ends the process where its own write fails

@@ -52,5 +52,5 @@ def best_gait(water: str | None = None) -> Gait:
     Raises:
         ValueError: for another level of water.
     """
-    found = json.loads(GAIT_FILE.read_text())[check_level(water)]["gait"]
+    found = json.loads(GAIT_FILE.read_text("utf-8"))[check_level(water)]["gait"]
     return Gait(found["frequency"], tuple(found["amplitude"]), tuple(found["lag"]))

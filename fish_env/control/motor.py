@@ -141,7 +141,7 @@ def load_tables(path: Path = MOTOR_FILE, water: str | None = None) -> MotorTable
         ValueError: if it contains no tables of motor controllers, or cannot be read.
     """
     try:
-        found = json.loads(path.read_text())
+        found = json.loads(path.read_text("utf-8"))
         found = found if "turns" in found else found[check_level(water)]
         turns, starts = (
             [kind(np.radians(row["angle"]), *(row[f.name] for f in fields(kind)[1:])) for row in rows]

@@ -91,7 +91,7 @@ def read_record(folder: Path, task: str | None = None) -> dict[str, Any]:
     if task is not None and not (path.is_file() and path.with_name("model.zip").is_file()):
         raise FileNotFoundError(f"{folder} holds no model.zip and config.json; give the folder of a run")
     try:
-        record = {**OPTIONAL, **json.loads(path.read_text())}
+        record = {**OPTIONAL, **json.loads(path.read_text("utf-8"))}
         if not isinstance(record["task"], str) or not isinstance(record["seed"], int):
             raise ValueError(f"task is {record['task']!r:.40} and seed {record['seed']!r:.40}")
         env_id = settings_of(record["config"]).env_id
