@@ -322,9 +322,9 @@ def test_a_disk_that_fails(name, tmp_path, monkeypatch):
             fails()
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    for call in ("fsync", "replace"):
+    for each in ("fsync", "replace"):
         with monkeypatch.context() as patch:
-            patch.setattr(os, call, partial(refuse, call))
+            patch.setattr(os, each, partial(refuse, each))
             fails()
     write(path, 1)
     assert path.read_bytes() != before
