@@ -198,7 +198,7 @@ def available_memory(groups: Path = Path("/sys/fs/cgroup")) -> int | None:
         sizes.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     for name in ("memory.max", "memory/memory.limit_in_bytes"):
         with suppress(OSError, ValueError):  # "max" is not a number
-            sizes.append(int((groups / name).read_text()))
+            sizes.append(int((groups / name).read_text("utf-8")))
     return min(sizes, default=None)
 
 
