@@ -29,6 +29,7 @@ PAGE = ROOT / "docs" / "validation.md"
 STRENGTHS = (0.4, 0.6, 0.8, 1.0)  # parts of the contraction that muscles have
 STRONG = (("mass_spring", ""), ("tetrahedral", 2))  # bodies of which turns and starts are measured
 BODIES = (("tetrahedral", 2), ("tetrahedral", 3), ("mass_spring", ""), ("planar", ""), ("two_layer", ""))
+ON_PAGE = (("tetrahedral", 3), ("mass_spring", ""))  # of BODIES, those in the page's table
 
 
 def rows_of(water: str, name: str, level, found: list[Midline]) -> list[dict]:
@@ -121,13 +122,15 @@ SHOWN_QUANTITIES = {
 
 
 def table(rows: list[dict]) -> str:
-    """The page's table: a row for the trout and for each body, the three speeds side by side."""
+    """The page's table: a row for the trout and for each body of ON_PAGE, the three speeds side by side."""
     trout = (
         ", ".join(f"{row.speed:.2f}" for row in TROUT), ", ".join(f"{row.sweep:.3f}" for row in TROUT), "0.10 to 0.14",
         ", ".join(f"{row.frequency * row.sweep / row.speed:.2f}" for row in TROUT), "", "", "-, 0.6, 0.9",
     )  # fmt: skip
     lines = [("trout", *trout)]
     for water, (name, level) in calibrated():
+        if (name, level) not in ON_PAGE:
+            continue
         mine = select(rows, water=water, body=name, level=level)
         cells = (", ".join(f"{row[key]:{form}}" for row in mine) for key, (_, form) in SHOWN_QUANTITIES.items())
         lines.append((f"{water}, `{name}`{f', level {level}' if level else ''}", *cells))
@@ -135,17 +138,17 @@ def table(rows: list[dict]) -> str:
 
 
 def strength_table(rows: list[dict]) -> str:
-    """The page's table of turns and starts."""
-    head = ("water, body, part of the contraction", "strain", "rate, °/s", "radius, BL", "angle in 0.3 s, °",
-            "snout, °", "acceleration, m/s²", "least area of a section", "error of the step, %")  # fmt: skip
+    """The page's table of turns and starts with all of the strength."""
+    head = ("", "strain", "rate, °/s", "radius, BL", "angle in 0.3 s, °",
+            "snout, °", "acceleration, m/s²", "least area of a section")  # fmt: skip
     lines = [
         (
-            f"{row['water']}, `{row['body']}`, {row['strength']:g}", f"{row['strain']:.2f}", f"{row['rate']:.0f}",
+            f"{row['water']}, `{row['body']}`", f"{row['strain']:.2f}", f"{row['rate']:.0f}",
             f"{row['radius']:.2f}".replace("nan", "-"),  # hardly turned
             f"{row['angle']:.0f}", f"{row['snout']:.0f}", f"{row['acceleration']:.1f}", f"{row['kept']:.2f}",
-            row["error_percent"],
         )
         for row in rows
+        if row["strength"] == 1.0
     ]  # fmt: skip
     return markdown(head, lines)
 

@@ -52,7 +52,7 @@ UNITS = {
     "radius": ("radius, BL", 1, 2),
     "turning_rate": ("peak rate, °/s", 1, 0),
     "speed_lost": ("speed lost, %", 100, 0),
-    "work": ("work, J/kg", 1, 2),
+    "work": ("work, J/kg", 1, 0),
     "peak_strain": ("peak strain, %", 100, 0),
     "targets": ("targets", 1, 2),
     "time_per_target": ("time per target, s", 1, 2),
@@ -62,8 +62,8 @@ UNITS = {
     "clearance": ("clearance, BL", 1, 2),
     "escape_distance": ("got away, BL", 1, 2),
     "angle_100ms": ("turned in 0.1 s, °", 1, 0),
-    "angle_200ms": ("in 0.2 s, °", 1, 0),
-    "angle_300ms": ("in 0.3 s, °", 1, 0),
+    "angle_200ms": ("turned in 0.2 s, °", 1, 0),
+    "angle_300ms": ("turned in 0.3 s, °", 1, 0),
     "snout_300ms": ("snout, °", 1, 0),
     "distance_200ms": ("path in 0.2 s, BL", 1, 2),
     "speed_200ms": ("speed after 0.2 s, BL/s", 1, 2),
@@ -92,13 +92,13 @@ class Publication(NamedTuple):
 TURNING = ("success", "latency", "overshoot", "radius", "turning_rate", "speed_lost", "work", "peak_strain")
 TARGETS = ("targets", "success", "time_per_target")
 AVOIDING = ("avoided", "avoided_possible", "passed", "success", "clearance", "work", "peak_strain")
-TURNS = ("success", "latency", "overshoot", "radius", "speed_lost", "work")
+TURNS = ("success", "latency", "overshoot", "work")
 ANGLES = ("angle_100ms", "angle_200ms", "angle_300ms", "snout_300ms")
 STARTING = ("success", "escape_distance", *ANGLES, "distance_200ms", "speed_200ms", "peak_acceleration", "latency",
             "turning_rate", "work", "peak_strain")  # fmt: skip
 PUBLICATIONS = {
     "swim": Publication(
-        "swim along a commanded heading", ("speed",), ("speed", "sideways"), ("speed", "sideways", "return")
+        "swim along a commanded heading", ("speed",), ("speed", "sideways"), ("speed", "sideways")
     ),
     "turn": Publication(
         "turn by 30 to 180 degrees to either side", ("success", "latency"), TURNING, TURNS,
@@ -117,19 +117,19 @@ PUBLICATIONS = {
     "target_3d": Publication("the same in three dimensions", ("success",), TARGETS, TARGETS),
     "avoid": Publication(
         "pass a sudden obstacle and return to the heading", ("avoided", "success"), AVOIDING,
-        ("avoided", "passed", "success", "clearance", "return"),
+        ("avoided", "success", "clearance"),
         {"after a turn": ({"turning": 1.0}, {}), "in a current": ({}, {"current": 0.5, "current_heading": 1.5})},
     ),
     "fast_start": Publication(
         "get away in a commanded direction", ("escape_distance",), STARTING,
-        ("success", "escape_distance", *ANGLES, "distance_200ms", "peak_acceleration"),
+        ("success", "escape_distance", "angle_300ms", "snout_300ms", "peak_acceleration"),
         {"90 degrees, from rest": ({"speed": 0.0, "wait": 0.0}, {"turn": math.pi / 2})},
     ),
 }  # fmt: skip
 EVERYWHERE = ("motor controllers", "PPO")
-"""Methods that the page shows under every condition, and not only under that of the training."""
-MIRRORED = ("90 right", "left after right", "right after left")
-"""Conditions that the page leaves out: the mirror image of another one, or half of all episodes."""
+"""Methods that the page shows under every condition. The others cannot steer: it shows them only for Swim."""
+NOT_SHOWN = ("90 left", "90 right", "left after right", "right after left")
+"""Conditions that the page leaves out: they are a part of all episodes."""
 
 
 def publish(root: Path, tasks=None) -> None:
@@ -294,7 +294,7 @@ def tables_of_page() -> dict[str, str]:
 
 def is_shown(row: dict) -> bool:
     """True for the rows of methods.csv that the page shows."""
-    allowed = not row["condition"] or (row["method"] in EVERYWHERE and row["condition"] not in MIRRORED)
+    allowed = row["task"] == "swim" or (row["method"] in EVERYWHERE and row["condition"] not in NOT_SHOWN)
     return allowed and row["metric"] in PUBLICATIONS[row["task"]].shown
 
 

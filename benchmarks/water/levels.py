@@ -123,29 +123,19 @@ def measure() -> list[dict]:
 
 
 ROWS = (  # of the table of the page: scene, quantity, label, digits
-    ("cruise at 1 BL/s", "sweep", "cruising at 1 BL/s, 3.18 Hz: tail sweep, BL", 2),
-    ("cruise at 1 BL/s", "Strouhal", "Strouhal number", 2),
+    ("cruise at 1 BL/s", "Strouhal", "cruising at 1 BL/s, 3.18 Hz: Strouhal number", 2),
     ("cruise at 1 BL/s", "work", "net work of the muscles, J/kg/m", 2),
-    ("cruise at 2 BL/s", "speed", "cruising at 4.23 Hz: speed, BL/s", 2),
-    ("cruise at 2 BL/s", "sweep", "tail sweep, BL", 2),
+    ("cruise at 2 BL/s", "sweep", "cruising at 2 BL/s, 4.23 Hz: tail sweep, BL", 2),
     ("cruise at 2 BL/s", "Strouhal", "Strouhal number", 2),
     ("cruise at 2 BL/s", "nose over tail", "nose over tail", 2),
     ("cruise at 2 BL/s", "work", "net work of the muscles, J/kg/m", 2),
-    ("thriftiest at 2 BL/s", "frequency", "least work at 2 BL/s: tail beats, Hz", 1),
-    ("thriftiest at 2 BL/s", "work", "that work, J/kg/m", 2),
-    ("turn", "angle", "turning at 1 BL/s, one side for 0.2 s: degrees after 0.3 s", 0),
-    ("turn", "kept", "degrees after 1 s", 0),
-    ("turn", "radius", "radius, BL", 2),
+    ("turn", "radius", "turning at 1 BL/s, one side for 0.2 s: radius, BL", 2),
     ("turn", "rate", "peak rate, degrees/s", 0),
     ("reversal", "way back", "reversing, then the other side: degrees back after 0.3 s", 0),
-    ("start", "angle", "from rest, one side for 0.2 s: degrees after 0.3 s", 0),
-    ("start", "acceleration", "acceleration, m/s²", 1),
+    ("start", "acceleration", "from rest, one side for 0.2 s: acceleration, m/s²", 1),
     ("start", "best angle", "from rest, best of two stages: degrees after 0.3 s", 0),
-    ("start", "best distance", "way after 0.3 s, BL", 2),
     ("start", "best acceleration", "acceleration, m/s²", 1),
     ("coast", "drag coefficient", "coasting from 2 BL/s: drag coefficient", 3),
-    ("station", "drift", "station in a current of 1 BL/s: drift in 2 s, BL", 2),
-    ("station", "carried", "at rest in a current from the side: part of its speed after 0.5 s", 2),
 )
 PRICED = {
     ("drag", "drag"): "drag", ("drag", "none"): "the same fish in vacuum",
@@ -169,12 +159,12 @@ def values_of(rows: list[dict]) -> dict[tuple[str, str, str, str], float]:
 
 
 def levels_table(rows: list[dict]) -> str:
-    """The page's table: a row for each quantity, a column for each fish and level, and living fish."""
+    """The page's table: a row for each quantity, a column for each level with its own fish, and living fish."""
     values, lines = values_of(rows), []
     for scene, quantity, label, digits in ROWS:
-        cells = (f"{values[name, level, scene, quantity]:.{digits}f}".replace("nan", "-") for name, level in COLUMNS)
+        cells = (f"{values[level, level, scene, quantity]:.{digits}f}" for level in WATERS)
         lines.append((label, *cells, living_at(scene, quantity).value))
-    return markdown(["", *COLUMNS.values(), "living fish"], lines)
+    return markdown(["", *WATERS, "living fish"], lines)
 
 
 def controllers_table(rows: list[dict]) -> str:
@@ -184,17 +174,6 @@ def controllers_table(rows: list[dict]) -> str:
         cells = (f"{values[f'motor controllers, {task}', level]:.2f}" for level in LEVELS[1:])
         lines.append((f"{task}: {score}{f', {unit}' if unit else ''}", *cells))
     return markdown(["", "drag", "reactive"], lines)
-
-
-def prices_table(rows: list[dict]) -> str:
-    """The page's table of costs: of a step of one fish, and of 256, over that of the fish for drag."""
-    found = {(row["count"], row["dtype"], row["fish"], row["water"]): row["over_drag"] for row in rows}
-    lines = [
-        (f"{label}, {dtype}", *(f"{found[(count, dtype, *case)]:.2f}" for case in PRICED))
-        for count, label in ((256, "256 together"), (1, "alone"))
-        for dtype in ("float64", "float32")
-    ]
-    return markdown(["", *PRICED.values()], lines)
 
 
 def stability_table(rows: list[dict]) -> str:
@@ -210,19 +189,17 @@ def stability_table(rows: list[dict]) -> str:
 
 
 def turn_table(rows: list[dict]) -> str:
-    """The page's table of the abrupt turn: errors in % of the length, magnification, failures."""
+    """The page's table of the abrupt turn without other damping: errors in % of the length, magnification, failures."""
     steps, lines = (6, 8, 12, 24), []
-    for row in rows:
+    for row in select(rows, damping=1.0):
         errors = (f"{100 * row[f'at_{k}']:.2g} %" for k in steps)
-        factors = f"x {row['stiffness']:g}, x {row['damping']:g}"
-        lines.append((factors, row["water"], *errors, f"{row['magnified']:.0f}", row["failures"]))
-    return markdown(("stiffness, damping", "water", *(f"{k} steps" for k in steps), "magnified", "failed"), lines)
+        lines.append((f"x {row['stiffness']:g}", row["water"], *errors, f"{row['magnified']:.0f}", row["failures"]))
+    return markdown(("stiffness", "water", *(f"{k} steps" for k in steps), "magnified", "failed"), lines)
 
 
 TABLES: dict[str, tuple[str, Callable[[list[dict]], str]]] = {
     "levels": ("water_levels.csv", levels_table),
     "controllers": ("water_levels.csv", controllers_table),
-    "prices": ("water_prices.csv", prices_table),
     "stability": ("water_stability.csv", stability_table),
     "turn": ("water_turn.csv", turn_table),
 }
