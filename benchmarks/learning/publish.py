@@ -116,8 +116,7 @@ PUBLICATIONS = {
     "target": Publication("reach targets one after another", ("time_per_target",), TARGETS, TARGETS),
     "target_3d": Publication("the same in three dimensions", ("success",), TARGETS, TARGETS),
     "avoid": Publication(
-        "pass a sudden obstacle and return to the heading", ("avoided", "success"), AVOIDING,
-        ("avoided", "success", "clearance"),
+        "pass a sudden obstacle and return to the heading", ("avoided", "success"), AVOIDING, ("avoided", "success"),
         {"after a turn": ({"turning": 1.0}, {}), "in a current": ({}, {"current": 0.5, "current_heading": 1.5})},
     ),
     "fast_start": Publication(

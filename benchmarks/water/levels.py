@@ -124,7 +124,6 @@ def measure() -> list[dict]:
 
 ROWS = (  # of the table of the page: scene, quantity, label, digits
     ("cruise at 1 BL/s", "Strouhal", "cruising at 1 BL/s, 3.18 Hz: Strouhal number", 2),
-    ("cruise at 1 BL/s", "work", "net work of the muscles, J/kg/m", 2),
     ("cruise at 2 BL/s", "sweep", "cruising at 2 BL/s, 4.23 Hz: tail sweep, BL", 2),
     ("cruise at 2 BL/s", "Strouhal", "Strouhal number", 2),
     ("cruise at 2 BL/s", "nose over tail", "nose over tail", 2),
@@ -190,7 +189,7 @@ def stability_table(rows: list[dict]) -> str:
 
 def turn_table(rows: list[dict]) -> str:
     """The page's table of the abrupt turn without other damping: errors in % of the length, magnification, failures."""
-    steps, lines = (6, 8, 12, 24), []
+    steps, lines = (6, 12, 24), []
     for row in select(rows, damping=1.0):
         errors = (f"{100 * row[f'at_{k}']:.2g} %" for k in steps)
         lines.append((f"x {row['stiffness']:g}", row["water"], *errors, f"{row['magnified']:.0f}", row["failures"]))
