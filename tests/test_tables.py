@@ -397,9 +397,9 @@ def kinematics():
 
 
 def weights():
-    """What Swim gains and loses without a weight of sway."""
-    (row,) = read_table("learning/weights.csv", effort_weight=2.2, sway_weight=0.0)
-    yield f"a policy swims {row['speed']:.2f} BL/s and its nose moves {row['nose_over_tail']:.2f} of the tail's sweep"
+    """Speed that a weight on a swaying head costs Swim."""
+    for row in read_table("learning/weights.csv", effort_weight=2.2):
+        yield line(f"{row['sway_weight']:g}", f"{row['speed']:.2f}", f"{row['nose_over_tail']:.2f}")
 
 
 def trainings():

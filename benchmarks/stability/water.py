@@ -21,7 +21,7 @@ from benchmarks.stability.mistreatment import GOALS, INTERVALS, LEVELS, Family, 
 from benchmarks.stability.survey import limits
 from fish_env import Fish, make_fish
 from fish_env.bodies.fitted import WATERS
-from fish_env.control.chart import steps_of
+from fish_env.control.chart import NotConvergedError, steps_of
 
 FISH = {"mass_spring": 1024, "planar": 256, "two_layer": 64, "tetrahedral": 32}  # of each body and kind of command
 BATCH, EXPLAINED = 256, 16  # fish at a time; failures that are run again
@@ -98,9 +98,15 @@ def margins() -> list[dict]:
 
 
 def turn(fish: Fish) -> dict:
-    """Errors of the abrupt turn, body lengths: of the fish's own step, refined, and of steps that are not."""
+    """Errors of the abrupt turn, body lengths: of the fish's own step, refined, and of steps that are not.
+
+    None is known where the turn is unpredictable, so that no reference converges: it magnifies without limit.
+    """
     problem = Problem("turn", "left after right", fish, fish.water, left_after_right(fish))
-    path, substeps, _ = reference(problem)
+    try:
+        path, substeps, _ = reference(problem)
+    except NotConvergedError:
+        return {"magnified": math.inf, "rk4_substeps": 0, "own": math.nan} | {f"at_{k}": math.nan for k in SUBSTEPS}
     row = {"magnified": float(f"{magnified(problem, path, substeps):.3g}"), "rk4_substeps": substeps}
     for key, steps, refine in (("own", steps_of(fish), fish.refine), *((f"at_{k}", k, math.inf) for k in SUBSTEPS)):
         swum, tank = run(problem, fish.integrator, steps, refine=refine)

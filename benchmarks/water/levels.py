@@ -4,6 +4,7 @@ Each level has the fish that is calibrated for it; that of reactive water is als
 every fish and level: those of least net work a metre at a speed, at the frequency of trout and at any (`scenes.py`).
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -191,7 +192,9 @@ def turn_table(rows: list[dict]) -> str:
     """The page's table of the abrupt turn without other damping: errors in % of the length, magnification, failures."""
     steps, lines = (6, 12, 24), []
     for row in select(rows, damping=1.0):
-        errors = (f"{100 * row[f'at_{k}']:.2g} %" for k in steps)
+        errors = (
+            f"{100 * row[f'at_{k}']:.2g} %" if math.isfinite(row["magnified"]) else "unpredictable" for k in steps
+        )
         lines.append((f"x {row['stiffness']:g}", row["water"], *errors, f"{row['magnified']:.0f}", row["failures"]))
     return markdown(("stiffness", "water", *(f"{k} steps" for k in steps), "magnified", "failed"), lines)
 
