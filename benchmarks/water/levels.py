@@ -190,13 +190,11 @@ def stability_table(rows: list[dict]) -> str:
 
 def turn_table(rows: list[dict]) -> str:
     """The page's table of the abrupt turn without other damping: errors in % of the length, magnification, failures."""
-    steps, lines = (6, 12, 24), []
+    steps, lines = {"own": "own step", "at_12": "12 steps", "at_24": "24 steps"}, []
     for row in select(rows, damping=1.0):
-        errors = (
-            f"{100 * row[f'at_{k}']:.2g} %" if math.isfinite(row["magnified"]) else "unpredictable" for k in steps
-        )
+        errors = (f"{100 * row[key]:.2g} %" if math.isfinite(row["magnified"]) else "unpredictable" for key in steps)
         lines.append((f"x {row['stiffness']:g}", row["water"], *errors, f"{row['magnified']:.0f}", row["failures"]))
-    return markdown(("stiffness", "water", *(f"{k} steps" for k in steps), "magnified", "failed"), lines)
+    return markdown(("stiffness", "water", *steps.values(), "magnified", "failed"), lines)
 
 
 TABLES: dict[str, tuple[str, Callable[[list[dict]], str]]] = {
