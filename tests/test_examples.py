@@ -26,7 +26,7 @@ QUICKSTART = "\n\n".join("".join(cell["source"]) for cell in CODE)
 SOURCES = {path.relative_to(EXAMPLES).as_posix(): path.read_text() for path in SCRIPTS} | {"quickstart": QUICKSTART}
 LEARNERS = {"train_cleanrl.py", "train_torchrl.py", "train_sbx.py"}
 QUICK = LEARNERS | {"train_ppo.py", "train_rllib.py", "train_gpu.py", "play.py", "pixels.py", "custom_task.py",
-                    "custom_body.py", "plan_random_shooting.py"}  # fmt: skip
+                    "custom_body.py", "plan_random_shooting.py", "plan_ilqr.py"}  # fmt: skip
 """The scripts that tests below run, those of `test_learners.py`, and one of `test_rllib.py` and `test_gpu.py`."""
 
 
@@ -140,6 +140,13 @@ def test_plan_random_shooting(tmp_path):
     said = run_here(tmp_path, EXAMPLES / "plan_random_shooting.py", "--episodes", 2)
     found = re.findall(r"gait (\S+), planned (\S+) body lengths", said)
     assert len(found) == 2 and all(1.8 < float(gait) < float(planned) < 7.0 for gait, planned in found)
+
+
+def test_plan_ilqr(tmp_path):
+    """Derivatives leave little of a right angle, and the plan is found from any of the states."""
+    said = run_here(tmp_path, EXAMPLES / "plan_ilqr.py", "--plans", 1)
+    (left,) = re.findall(r"iLQR leaves (\S+) of 90 degrees", said)
+    assert float(left) < 8.0
 
 
 def test_register_elsewhere(tmp_path):

@@ -148,6 +148,10 @@ def options() -> list[tuple[str, float]]:
         for name, work in (("get_state", env.get_state), ("set_state", partial(env.set_state, env.get_state()))):
             (cost,) = interleaved([(lambda: None, partial(repeat, work, often), often * count)], 4 * ROUNDS)
             found.append((f"{name} of {count} fish, us a fish", cost.time[1]))
+    env = FishVectorEnv(1, task="swim", threads=1)
+    work = partial(repeat, partial(env.linearise, np.zeros((1, 12))), 10)
+    (cost,) = interleaved([(lambda: None, work, 10)], ROUNDS)
+    found.append(("linearise of one fish, us", cost.time[1]))
     for camera in ("above", "side", "follow"):
         env = FishVectorEnv(1, task="swim", threads=1, camera=camera, **SMALL)
         (cost,) = timed([Steps(env, pictures=True)], ROUNDS)

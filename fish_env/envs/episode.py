@@ -28,6 +28,7 @@ from fish_env.envs.step import (
 from fish_env.envs.variation import VARIATIONS, checked_variation, draw, factors_of, vary
 from fish_env.kernels.simd import Kind, Pack, Vectors
 from fish_env.physics.forces.control import MASS
+from fish_env.physics.linearise import Jacobians
 from fish_env.physics.pose import make_pose, packed_pose
 from fish_env.physics.records import World
 from fish_env.physics.tank import Tank
@@ -290,6 +291,16 @@ class Episodes(Stateful, ReadOnly):
         self._action[...] = action
         if not self._move():
             finite_array(action, self._action_shape, "action")
+
+    def linearise(self, action: np.ndarray) -> Jacobians:
+        """Derivatives of the fish's states after a step with these actions, (B,A), as `Tank.linearise`; nothing moves.
+
+        They leave out noise and delays. An action beyond [-1, 1] is clipped, and its column is zero.
+        """
+        action = finite_array(action, self._action_shape, "action")
+        clipped, of_group = np.clip(action, -1.0, 1.0), np.eye(action.shape[1])[self.groups]
+        found = self.tank.linearise(0.5 * (clipped + 1.0)[:, self.groups], self._substeps)
+        return found._replace(command=0.5 * (found.command @ of_group) * (clipped == action)[:, None])
 
     def _move(self) -> bool:
         """Command, move, measure, reward and observe the fish; False, and nothing has moved, for a bad action."""

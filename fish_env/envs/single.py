@@ -14,6 +14,7 @@ from fish_env.envs.options import checked_seed
 from fish_env.envs.senses import check_delays
 from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
+from fish_env.physics.linearise import Jacobians
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import checked_count
 from fish_env.tasks.options import Keywords
@@ -128,6 +129,10 @@ class FishEnv(Keywords, gym.Env):
         for wrapper in self._limits:
             wrapper._elapsed_steps = int(self.fish._elapsed[0])
         return obs
+
+    def linearise(self, action: np.ndarray) -> Jacobians:
+        """Derivatives (S,S) and (S,A) of the fish's state after a step, as `FishVectorEnv.linearise`; nothing moves."""
+        return Jacobians(*(each[0] for each in self.fish.linearise(np.asarray(action)[None])))
 
     def episode_info(self) -> dict[str, Any]:
         """Summary of the episode so far: reward terms, the task's metrics, seconds, the failure if any.

@@ -19,6 +19,7 @@ from fish_env.physics.failures import FAILURES
 from fish_env.physics.fish import Elastic, Fish
 from fish_env.physics.forces.control import NOMINAL
 from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.linearise import Jacobians, linearise
 from fish_env.physics.muscles import command_all, contraction_of, first_fibres, opposed_fibres
 from fish_env.physics.records import COUNTERS, FLOWS, Body, Control, State, World
 from fish_env.physics.world import VACUUM, checked_water
@@ -295,6 +296,26 @@ class Tank(ReadOnly, Generic[Elastic]):
         The bodies do not move yet. Invalid contractions or durations raise ValueError.
         """
         command_all(self.pack, *options.checked_command(contraction, duration, (self.num_fish, self.fish.num_muscles)))
+
+    def linearise(self, contraction: np.ndarray, steps: int) -> Jacobians:
+        """Derivatives of the state that `drive(contraction, steps)` would lead to; the fish do not move.
+
+        They are exact: those of the steps that the method takes, also where it refines them (Griewank & Walther 2008,
+        ch. 3). Where a force has a kink, they are those of one side.
+
+        Args:
+            contraction: (B,M) in [0, 1].
+            steps: number of steps of dt, at least 1.
+
+        Returns:
+            `state` (B,S,S) and `command` (B,S,M): S = 6N + K rows, for the positions (N,3) m, the velocities (N,3) m/s
+            and the rest lengths (K,) m of the springs `np.unique(fish.fibres)`, flat and in this order.
+
+        Raises:
+            ValueError: as `swim`, for a fish that has failed or fails in this interval, an adaptive method, or nodes
+                that `fix`, `move` or `grab` acts on.
+        """
+        return linearise(self, contraction, options.checked_steps(steps))
 
     def _run(self, steps: int) -> None:
         if self._conditions is None:
