@@ -21,7 +21,7 @@ class Problem:
     """A fish, the state where it begins, and the direction where its axis is to point."""
 
     def __init__(self, seed: int):
-        self.env = gym.make("FishEnv/Swim-v0", max_episode_steps=-1).unwrapped
+        self.env = fish_env.FishEnv(task="swim")
         self.env.reset(seed=seed, options={"yaw": 0.0})
         self.line, self.tank = self.env.tank.fish.line, self.env.tank
         self.tank.velocity[:, :, 0] += self.tank.fish.length  # a body length per second
