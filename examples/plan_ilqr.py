@@ -12,6 +12,8 @@ import time
 import gymnasium as gym
 import numpy as np
 
+import fish_env
+
 HORIZON, ROUNDS = 12, 12  # environment steps that are planned, and improvements of the plan
 WEIGHT, EFFORT, DAMPING = 100.0, 0.001, 0.1  # of the error at the end, of actions, and of changes of them
 SIZES = 0.5 ** np.arange(8)  # of a change, of which the best is taken
@@ -42,7 +44,7 @@ class Problem:
         slope[:, : nodes.size] = np.kron(self.line, np.eye(3) - np.outer(axis, axis)) / size
         return axis - self.goal, slope
 
-    def run(self, actions, states=None, gains=None, derivatives=False):
+    def run(self, actions, states=(), gains=None, derivatives=False):
         """Cost, states, actions taken and Jacobians of a plan, with feedback on the distance from other states."""
         self.env.set_state(self.begin)
         found, taken, linear, cost = [self.state()], [], [], 0.0
