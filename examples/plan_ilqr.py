@@ -9,7 +9,6 @@ steps; random shooting takes the best of the bends that it can try in the same t
 import argparse
 import time
 
-import gymnasium as gym
 import numpy as np
 
 import fish_env
