@@ -63,7 +63,7 @@ class CircleTask:
         return np.stack([tangent, (self.wanted - distance)[:, None] * outward], axis=1)
 
     def reward(self, tank, pose):
-        """Arc swum, body lengths, less the price of being off the circle."""
+        """Arc swum, body lengths, less a penalty for being off the circle."""
         _, distance, angle = self.geometry(tank, pose)
         change = (angle - self.angle + np.pi) % (2.0 * np.pi) - np.pi
         self.angle, self.turned = angle, self.turned + change

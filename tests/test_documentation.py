@@ -30,14 +30,21 @@ import fish_env
 from fish_env import __main__ as command_line
 from fish_env.control.policy import shipped_policy
 from fish_env.envs import VARIATIONS, FishVectorEnv, episode
+from fish_env.envs.step import FAILURE_PENALTY
 from fish_env.physics.failures import FAILURES
 from fish_env.tasks import TASKS, avoid, fast_start, start, target, turns
 from fish_env.tasks.options import keywords_of
 
 FORMS = [*((task, {}) for task in TASKS), ("swim", {"speed": 1.0}), ("target", {"dimensions": 3})]
-FIRST = 153  # elements of the observation before the task's own, for which all pages refer to swim.md
+OVERVIEW = "envs/index.md"  # what is common to all tasks
 NUMBERED = ("physics.md", "physics-more.md")  # pages whose equations have numbers, in the order of these
-SHARED_WEIGHTS = {"effort_weight", "failure_penalty"}  # of the reward of every task, on swim.md too
+ELSEWHERE = {  # common arguments that a page of a task gives by a link or not at all
+    "sensing": {"observation", "observation_noise", "action_noise", "observation_delay", "action_delay", "history",
+                "privileged"},
+    "pictures": {"render_mode", "width", "height", "camera", "panel"},
+    "batches": {"num_envs", "autoreset_mode"},
+    "the id": {"task"},
+}  # fmt: skip
 
 every_task = pytest.mark.parametrize("task", TASKS)
 every_form = pytest.mark.parametrize(("task", "keywords"), FORMS)
@@ -61,6 +68,16 @@ def rows(name, heading, table=0):
     tables = re.findall(r"(?:^\|.*\n)+", section(name, heading), re.MULTILINE)
     lines = tables[table].splitlines()[2:]
     return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
+
+
+def entries(name, heading):
+    """What precedes and what follows the colon in each item of the lists under a second-level heading."""
+    return re.findall(r"^- (.+?): (.+)$", section(name, heading), re.MULTILINE)
+
+
+def names_in(text):
+    """The names in code, of keywords or of keys, that stand in a text, without those of links."""
+    return re.findall(r'`"?([\w<>]+)"?`', text)
 
 
 def number(name, pattern):
@@ -156,7 +173,7 @@ def test_pages_cite_equations():
         prose = re.sub(r"\$`.*?`\$", "", FENCE.sub("", text))
         for number, link in re.findall(r"\[(?:eq\. |\()(\d+)\)?\]\(([^)]*)\)", prose):
             assert link.endswith(f"#eq-{number}"), f"{path}: {number} leads to {link}"
-            linked += 1
+        linked += len(re.findall(r"\]\([^)]*#eq-\d+\)", prose))  # with the number, or a word, as their text
         plain = re.sub(r"\[[^\]]*\]\([^)]*\)", "", prose)
         assert not re.search(r"\b[Ee]qs?\. \(?\d", plain), path
         if path.name in NUMBERED:
@@ -178,9 +195,9 @@ def test_methods_table():
 
 @every_task
 def test_page_of_a_task(task):
-    """Its picture, the length of an episode, the terms of the reward in their order with their weights, and failures.
+    """Its picture, the length of an episode, the terms of the reward with their weights, the threshold, and links.
 
-    The step, the control interval, the reasons for failures and what all tasks have in their reward are on swim.md.
+    The step, the control interval and the reasons for failures are on the overview, which every page links to.
     """
     lines, env = page(task).splitlines(), FishVectorEnv(1, task=task)
     assert lines[0].startswith("# ")
@@ -188,22 +205,26 @@ def test_page_of_a_task(task):
     assert (ROOT / f"docs/images/gallery/env_{task}.webp").stat().st_size < 600_000
     steps = gym.spec(env_id(task)).max_episode_steps
     assert number(task, r"after (\d+) steps") == steps
-    assert number(task, r"after \d+ steps, ([\d.]+) s\.") == pytest.approx(steps * env.control_interval)
-    assert number("swim", r"one control interval of ([\d.]+) s") == env.control_interval
-    assert number("swim", r"s, (\d+) integrator steps") == env._substeps
-    assert number("swim", r"integrator steps of ([\d.]+) s\.") == pytest.approx(env.tank.dt, rel=1e-5)
-    stated = [(term.strip("`"), weight.strip("`")) for term, weight, _ in rows(task, "Rewards")]
-    names, weights = [*TASKS[task].term_names, "failure"], {"1", *TASKS[task].weights, "failure_penalty"}
-    if task == "swim":
-        assert re.findall(r"^  - `(.*)`$", section(task, "Episode End"), re.MULTILINE) == list(FAILURES[1:])
-    else:
-        assert "the reasons [listed for Swim](swim.md#episode-end)" in section(task, "Episode End")
-        assert "`effort` and `failure` are as for [Swim](swim.md#rewards)" in page(task)
-        names, weights = [name for name in names if name not in ("effort", "failure")], weights - SHARED_WEIGHTS
-    assert [term for term, _ in stated] == names
-    assert {weight for _, weight in stated} == weights
-    for term, weight in stated:
-        assert weight == "1" if term == "progress" else term.startswith(weight.split("_")[0])
+    assert number(task, r"after \d+ steps, ([\d.]+) s\n") == pytest.approx(steps * env.control_interval)
+    assert number(OVERVIEW, r"one control interval of ([\d.]+) s") == env.control_interval
+    assert number(OVERVIEW, r"s, (\d+) integrator steps") == env._substeps
+    assert number(OVERVIEW, r"integrator steps of ([\d.]+) s\.") == pytest.approx(env.tank.dt, rel=1e-5)
+    assert re.findall(r"^- `(.*)`$", section(OVERVIEW, "Reasons of failure"), re.MULTILINE) == list(FAILURES[1:])
+    for anchor in ("common-arguments", "variation", "common-info-keys", "reasons-of-failure"):
+        assert f"](index.md#{anchor})" in page(task)
+    assert not re.search(r"\]\((?:swim|turn|target|avoid)\.md", page(task))  # a page is complete in itself
+    stated = [names_in(term) for term, _ in entries(task, "Rewards")]
+    assert [term for term, *_ in stated] == [*TASKS[task].term_names, "failure"]
+    for term, *weight in stated:
+        assert not weight if term == "progress" else term.startswith(weight[0].split("_")[0])
+    weights = {name: option.default for name, option in TASKS[task].weights.items()}
+    defaults = re.findall(r"`(\w+)` = ([\d.]+)", section(task, "Rewards"))
+    assert {name: float(value) for name, value in defaults} == weights | {"failure_penalty": FAILURE_PENALTY}
+    assert {span(option) for option in TASKS[task].weights.values()} == {"0 to 1000"}
+    assert "keywords, 0 to 1000" in section(task, "Rewards")
+    threshold = re.search(r"`reward_threshold` is (.*?)\. ", section(task, "Rewards"))
+    ids = [spec for spec in gym.registry.values() if spec.kwargs.get("task") == task and spec.reward_threshold]
+    assert threshold and list(map(float, re.findall(r"\b\d+\b", threshold[1]))) == [s.reward_threshold for s in ids]
 
 
 def env_id(task):
@@ -214,62 +235,77 @@ def env_id(task):
 
 
 def described(layout):
-    """The rows of a table of an observation."""
+    """The rows of a table of an observation; that vectors are in the body frame stands above it."""
+    units = [re.sub("^$", "unit vector", re.sub("(, )?in the body frame$", "", part.unit)) for part in layout]
     return [
-        [f"`{part.name}`", f"{part.start} to {part.slice.stop - 1}", f"`{part.shape}`", part.unit, f"±{part.limit:g}"]
-        for part in layout
+        [f"`{part.name}`", f"{part.start}-{part.slice.stop - 1}, `{part.shape}`", f"{unit}, ±{part.limit:g}"]
+        for part, unit in zip(layout, units, strict=True)
     ]
 
 
 @every_form
 def test_observation_table(task, keywords):
-    """The table of the observation is the layout: part, place, shape and range; from FIRST on beside swim.md."""
+    """The table of the observation is the layout: part, place, shape, unit and range; and the rule for node i."""
     env = FishVectorEnv(1, task=task, **keywords)
-    wanted, of_swim = described(env.layout), described(FishVectorEnv(1).layout)
-    if task != "swim" and wanted == of_swim:
-        assert ", as for [Swim](swim.md#observation-space)." in page(task)
-    else:
-        first = 0 if wanted == of_swim else env.layout.parts.index(env.layout["vertical"]) + 1
-        assert rows(task, "Observation Space", 1 if "speed" in keywords else 0) == wanted[first:]
-        assert task == "swim" or f"Elements 0 to {FIRST - 1} are those of [Swim]" in page(task)
+    wanted = described(env.layout)
+    if "speed" in keywords:
+        name, _, unit = wanted.pop()
+        assert f"{name}, {unit}, takes the place of `commanded heading`" in section(task, "Observation Space")
+    assert rows(task, "Observation Space")[: len(wanted)] == wanted
+    assert len(rows(task, "Observation Space")) == len(list(env.layout))
     assert env.single_observation_space.shape == (number(task, r"`Box\(\((\d+),\), float32\)`"),)
-    assert env.layout["vertical"].slice.stop == FIRST
-    sensors = described(FishVectorEnv(1, observation="sensors").layout)
-    assert [row[:5] for row in rows("envs/sensing.md", "Sensors")] == sensors
+    meaning = [label for label, *_ in env.layout.table()]
+    further = number(task, r"relative to space, is (\d+) further")
+    assert "position of node *i*, from the centre of mass, is at $`3i`$ to $`3i+2`$" in page(task)
+    for i in range(23):
+        assert meaning[3 * i].startswith(f"position of node {i},")
+        assert meaning[3 * i + int(further)].startswith(f"velocity of node {i},")
+    assert env.tank.fish.nose == number(task, r"Node (\d+) is the nose")
+    assert "21 and 22 are the tail tips" in page(task) and list(env.tank.fish.tail) == [21, 22]
 
 
-def test_action_tables():
-    """The tables of actions name each muscle's segment, side, height and nodes, and each pair's muscles."""
+def test_sensors_list():
+    """The list of sensors is their layout."""
+    found = re.findall(r"^- (`[a-z ]+`), (.*?): (.*?); ", section("envs/sensing.md", "Sensors"), re.MULTILINE)
+    assert list(map(list, found)) == described(FishVectorEnv(1, observation="sensors").layout)
+
+
+@every_task
+def test_action_list(task):
+    """The list of actions names the muscles of every segment in order; the overview has their nodes, and pairs."""
     fish = fish_env.make_fish()
     nodes, x = fish.body.springs.nodes[fish.muscles], fish.body.position
-    sides = ["left" if side > 0 else "right" for side in fish.sides]
-    heights = ["Upper" if x[i, 2] > 0 else "Lower" for i, _ in nodes]
-    columns = ["Upper left", "Upper right", "Lower right", "Lower left"]
-    wanted = [[str(segment), *[""] * 4] for segment in range(3)]
-    for muscle, (i, j) in enumerate(nodes):
-        column = columns.index(f"{heights[muscle]} {sides[muscle]}")
-        wanted[fish.segments[muscle]][1 + column] = f"{muscle} ({i}-{j})"
-    assert rows("swim", "Action Space") == wanted and f"| Segment | {' | '.join(columns)} |" in page("swim")
-    groups = fish.grouping("pairs")
-    pairs = [[str(segment), "", ""] for segment in range(3)]
-    for group in range(FishVectorEnv(1, muscle_groups="pairs").single_action_space.shape[0]):
-        members = np.flatnonzero(groups == group)
-        place = 1 + ["left", "right"].index(sides[members[0]])
-        pairs[fish.segments[members[0]]][place] = f"{group} ({', '.join(map(str, members))})"
-    assert rows("swim", "Action Space", 1) == pairs
+    assert nodes.tolist() == [[k + 1, k + 5] for k in range(len(nodes))]
+    assert "Muscle *k* is the spring between nodes $`k+1`$ and $`k+5`$" in section(OVERVIEW, "The fish")
+    assert fish.segments.tolist() == [k // 4 for k in range(len(nodes))]
+    for first in (0, 4, 8):
+        heights = ["upper" if x[i, 2] > 0 else "lower" for i, _ in nodes[first : first + 4]]
+        sides = ["left" if side > 0 else "right" for side in fish.sides[first : first + 4]]
+        order = ", ".join(f"{height} {side}" for height, side in zip(heights, sides, strict=True))
+        said = f"- {first} to {first + 3}: {('front', 'middle', 'rear')[first // 4]} segment"
+        said += ", likewise\n" if first else f": {order}\n"
+        assert said in section(task, "Action Space")
+    left = [2 * segment + (side < 0) for segment, side in zip(fish.segments, fish.sides, strict=True)]
+    assert fish.grouping("pairs").tolist() == left
+    assert "six actions for left and right of each segment in turn" in page(OVERVIEW)
+    assert FishVectorEnv(1, muscle_groups="pairs").single_action_space.shape == (6,)
 
 
+TURNS = ("turn", "left_after_right", "avoid", "fast_start")
 FACTS = [
-    ("swim", r"standard deviation of ([\d.]+) body lengths/s", start.NOISE),
+    (OVERVIEW, r"standard deviation of ([\d.]+) body lengths/s", start.NOISE),
     ("swim", r"by at most\s+([\d.]+) rad", TASKS["swim"]().heading_error),
-    *((name, r"(\d+) % (?:of|was)", 100 * turns.COMPLETE) for name in ("turn", "left_after_right")),
-    ("turn", r"averaged twice over ([\d.]+) s", turns.MEAN_TIME),
-    ("turn", r"(\d+) degrees \|", np.degrees(turns.SETTLED)),
+    *((name, r"(\d+) % of the turn is covered", 100 * turns.COMPLETE) for name in TURNS),
+    *((name, r"within (\d+) % of the commanded angle", 100 - 100 * turns.COMPLETE) for name in TURNS),
+    *((name, r"(\d+) % of the (?:turn|last) was", 100 * turns.COMPLETE) for name in TURNS[:2]),
+    *((name, r"averaged twice over ([\d.]+) s", turns.MEAN_TIME) for name in TURNS[:3]),
+    *((name, r"at most (\d+) degrees", np.degrees(turns.SETTLED)) for name in TURNS[:3]),
+    *((name, r"mean heading of the last ([\d.]+) s", turns.MEAN_TIME) for name in TURNS[:2]),
     ("physics-more.md", r"mean heading over the last ([\d.]+) s", turns.MEAN_TIME),
     ("left_after_right", r"at the latest after (\d+) s", turns.PATIENCE),
     ("target", r"(\d+) targets are drawn", target.DRAWN),
     ("avoid", r"a fish at (\d+) body lengths per second", avoid.CRUISE),
-    ("fast_start", r"whether ([\d.]+) body lengths were made good", fast_start.AWAY),
+    ("fast_start", r"([\d.]+) body lengths were covered", fast_start.AWAY),
     ("fast_start", r"heading within ([\d.]+) s of the command", fast_start.IN_TIME),
     ("fast_start", r"within ([\d.]+) s of the command, m", fast_start.START),
     ("fast_start", r"averaged over (\d+) ms", 1000 * fast_start.OVER),
@@ -291,53 +327,76 @@ def test_turn_before_the_obstacle():
     assert low <= lead.min() < low + 0.01 and high - 0.01 < lead.max() <= high
 
 
+def defaults_in(name, heading):
+    """Keywords with their defaults, and what is said of them, in a list under a heading."""
+    found = [(names_in(head), re.findall(r"`(\w+)` = `([^`]*)`", head), said) for head, said in entries(name, heading)]
+    return {key: (value, said) for _, pairs, said in found for key, value in pairs}
+
+
 @every_task
 def test_arguments(task):
-    """Every keyword of the task, with its default and range; on swim.md those of the environment and of all tasks."""
-    stated = {name.strip("`"): (default.strip("`"), meaning) for name, default, meaning in rows(task, "Arguments")}
+    """Every keyword of the task, with its default and range; and the names of those of all tasks."""
+    stated = defaults_in(task, "Arguments")
+    own = {name: value for name, value in keywords_of(TASKS[task]).items() if name not in TASKS[task].weights}
+    assert set(stated) == set(own)
+    for name, default in own.items():
+        assert eval(stated[name][0], {"np": np}) == default, name
+    for name in set(own) - {"dimensions", "reversals", "goal_env"}:  # whose meaning lists what is allowed
+        option = vars(modules(task)[0]).get(name.upper(), avoid.CHANCE)
+        assert re.search(rf"(?<![\d.]){re.escape(span(option))}(?!\.?\d)", stated[name][1]), f"{name}: {span(option)}"
+    named = re.search(r"^Also the \[weights\]\(#rewards\) and, (.*)$", section(task, "Arguments"), re.MULTILINE)
+    assert named and set(names_in(named[1])) == {*shared_arguments()} - set().union(*ELSEWHERE.values())
+
+
+def shared_arguments():
+    """The keywords of all tasks, with their defaults."""
     shared = dict(list(inspect.signature(FishVectorEnv).parameters.items())[:-1])
     shared |= dict(list(inspect.signature(episode.Episodes).parameters.items())[:-1])
-    own = keywords_of(TASKS[task])
-    wanted = {name: parameter.default for name, parameter in shared.items()} | own
-    wanted |= {"task": task, "max_episode_steps": gym.spec(env_id(task)).max_episode_steps}
-    if task != "swim":
-        assert "Those of [Swim](swim.md#arguments) without `heading_error` and `speed`, and:" in page(task)
-        wanted = {name: wanted[name] for name in own if name != "failure_penalty"}
-    assert set(stated) == set(wanted)
-    for name, default in wanted.items():
-        assert eval(stated[name][0], {"np": np}) == getattr(default, "value", default), name
-    for name in set(own) & set(stated) - {"dimensions", "reversals", "goal_env"}:  # whose meaning lists what is allowed
-        option = TASKS[task].weights.get(name) or vars(modules(task)[0]).get(name.upper(), avoid.CHANCE)
-        assert re.search(rf"(?<![\d.]){re.escape(span(option))}(?!\.?\d)", stated[name][1]), f"{name}: {span(option)}"
+    return {name: each.default for name, each in shared.items() if name != "failure_penalty"}  # a weight
+
+
+def test_common_arguments():
+    """The overview has every keyword of all tasks with its default; two are set by the id."""
+    stated, wanted = defaults_in(OVERVIEW, "Common arguments"), shared_arguments()
+    of_id = {
+        name for head, said in entries(OVERVIEW, "Common arguments") if "by the id" in said for name in names_in(head)
+    }
+    assert of_id == {"task", "max_episode_steps"}
+    assert set(stated) == set(wanted) - of_id
+    for name, (default, _) in stated.items():
+        assert eval(default) == getattr(wanted[name], "value", wanted[name]), name
 
 
 def test_times_and_water_of_the_fish():
-    """What swim.md says that the fish has of its own, in the meaning of the arguments."""
-    stated = {name.strip("`"): meaning for name, _, meaning in rows("swim", "Arguments")}
+    """What the overview says that the fish has of its own, in the meaning of the arguments."""
+    stated = {name: said for name, (_, said) in defaults_in(OVERVIEW, "Common arguments").items()}
     env = FishVectorEnv(1)
     assert stated["dt"].endswith(f"own, {env.tank.dt:g}")
     assert f'own, `"{env.tank.integrator.name}"`' in stated["integrator"]
     assert stated["control_interval"].endswith(f"own, {env.control_interval:g}")
     coefficient = fish_env.make_fish().water.quadratic / 500.0
-    assert f"still water, 1000 kg/m³, drag coefficient {coefficient:.4g}, cross-flow law" in page("swim")
+    assert f"still water, 1000 kg/m³, drag coefficient {coefficient:.4g}, cross-flow law" in stated["water"]
 
 
 @every_form
 def test_reset_options(task, keywords):
-    """Keys of `reset(options=...)` beside those that stand on swim.md, in order, with their range and meaning.
+    """Keys of `reset(options=...)`, in order, with their range and meaning, or as the argument of the same name.
 
-    A row may say more than the option's text. What may vary in every task is on swim.md.
+    An item may say more than the option's text. What may vary in every task is on the overview.
     """
-    shared = {*VARIATIONS} if task == "swim" else {*VARIATIONS, *FishVectorEnv(1, task="swim").task.reset_options}
     options = FishVectorEnv(1, task=task, **keywords).task.reset_options
-    own = {key: option for key, option in options.items() if key not in shared}
-    stated = [row for row in rows(task, "Starting State") if applies(row[2], keywords)]
-    for table, wanted in ((stated, own), (rows("swim", "Starting State", 1), VARIATIONS)):
-        assert [key.strip('`"') for key, *_ in table] == list(wanted)
-        for (key, between, meaning), option in zip(table, wanted.values(), strict=True):
-            assert between == span(option), f"{key} is from {span(option)}"
-            assert option.text in meaning, f"{key}: {option.text!r}"
-    assert task == "swim" or "beside those of [Swim](swim.md#starting-state)" in page(task)
+    own = {key: option for key, option in options.items() if key not in VARIATIONS}
+    stated = [item for item in entries(task, "Starting State") if applies(item[1], keywords)]
+    arguments = defaults_in(task, "Arguments")
+    for items, wanted in ((stated, own), (entries(OVERVIEW, "Variation"), VARIATIONS)):
+        assert [key for head, _ in items for key in names_in(head)] == list(wanted)
+        for head, meaning in items:
+            for key in names_in(head):
+                if "as the [argument" in meaning:
+                    assert span(wanted[key]) in arguments[key][1]
+                else:
+                    assert head == f'`"{key}"`, {span(wanted[key])}', f"{key} is from {span(wanted[key])}"
+                    assert wanted[key].text in meaning, f"{key}: {wanted[key].text!r}"
 
 
 @every_form
@@ -347,14 +406,11 @@ def test_info_keys(task, keywords, single):
 
     Those before it lack numbers that do not exist yet, and no others.
     """
-    stated = [row for row in rows(task, "Info") if applies(row[1], keywords)]
-    more = rows("turn", "Info") if "The other keys are those of [Turn](turn.md#info)" in page(task) else []
-    shared = re.search(r"^(.*) are in the `info` of every task", section("swim", "Info"), re.MULTILINE)
-    assert shared and (task == "swim" or more or "beside the keys [of every task](swim.md#info)" in page(task))
-    of_every_task = set(re.findall(r"`(\w+)`", shared[1]))
-    assert of_every_task <= {key.strip("`") for key, _ in rows("swim", "Info")}
-    of_episode = {key.strip("`") for key, _ in [*stated, *more]} | of_every_task
-    keys_of_step = {key.strip("`") for key, _ in rows("swim", "Info", 1)} - {"term_<name>"}
+    own = {key for head, said in entries(task, "Info") if applies(said, keywords) for key in names_in(head)}
+    named = re.search(r"the last step has (.*), and:$", section(task, "Info"), re.MULTILINE)
+    common = [names_in(head)[0] for head, _ in entries(OVERVIEW, "Common info keys")]
+    shared, keys_of_step = set(common[: common.index("step_terms")]), set(common[common.index("step_terms") :])
+    assert named and set(names_in(named[1])) == shared - (set() if "success" in own else {"is_success"})
     make = gym.make if single else partial(gym.make_vec, num_envs=2)
     env = make(env_id(task), info_every_step=True, **keywords)
     over, infos = False, [env.reset(seed=0)[1]]
@@ -362,8 +418,8 @@ def test_info_keys(task, keywords, single):
         _, _, terminated, truncated, info = env.step(env.action_space.sample())
         infos.append(info)
         over = np.any(terminated) or np.any(truncated)
-    terms = set(re.findall(r"`(\w+)`", stated[0][1]))
-    wanted = keys_of_step | of_episode | {f"term_{name}" for name in terms}
+    terms = {names_in(head)[0] for head, _ in entries(task, "Rewards")}
+    wanted = keys_of_step - {"term_<name>"} | own | set(names_in(named[1])) | {f"term_{name}" for name in terms}
     assert {key for key in infos[-1] if not key.startswith("_")} == wanted
     for info in infos:
         missing = wanted - info.keys()

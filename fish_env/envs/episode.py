@@ -170,7 +170,7 @@ class Episodes(Stateful, ReadOnly):
 
     @failure_penalty.setter
     def failure_penalty(self, penalty: float) -> None:
-        option = weight(FAILURE_PENALTY, "price of a failure of the physics, body lengths")
+        option = weight(FAILURE_PENALTY, "weight of a failure of the physics, body lengths")
         self._arrays["failure_penalty"][0] = option.checked("failure_penalty", penalty)
 
     def _make_task(self, task, options) -> Task:

@@ -14,7 +14,7 @@ from fish_env.tasks.start import POSE_OPTIONS
 from fish_env.tasks.turns import ANGLE, ANGLE_SIGNED, WAIT, CommandedTurns
 
 ALIGNMENT_WEIGHT = turns.ALIGNMENT_WEIGHT._replace(default=2.0)  # a detour must not cost too much
-TOUCH_PENALTY = weight(5.0, "price of touching the obstacle, body lengths")
+TOUCH_PENALTY = weight(5.0, "weight of touching the obstacle, body lengths")
 
 CHANCE = Option(0.0, 1.0, "chance of it")
 RADIUS = Option(0.05, 1.0, "radius of the obstacle, body lengths")

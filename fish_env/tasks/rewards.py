@@ -7,8 +7,8 @@ from fish_env.kernels.simd import dot
 from fish_env.physics.pose import FORWARD, LEFT
 from fish_env.tasks.options import weight
 
-EFFORT_WEIGHT = weight(0.1, "price of moving every muscle at its fastest all the time, body lengths/s")
-SWAY_WEIGHT = weight(0.5, "price of the speed of the nose to the side, over that speed")
+EFFORT_WEIGHT = weight(0.1, "weight of moving every muscle at its fastest all the time, body lengths/s")
+SWAY_WEIGHT = weight(0.5, "weight of the speed of the nose to the side, over that speed")
 
 
 @kernel

@@ -14,7 +14,7 @@ from fish_env.tasks.base import CompiledTask
 from fish_env.tasks.options import Direction, Option, check_choice, weight
 from fish_env.tasks.start import POSE_OPTIONS, place
 
-ALIGNMENT_WEIGHT = weight(1.0, "price of pointing across the way to the target, body lengths/s")
+ALIGNMENT_WEIGHT = weight(1.0, "weight of pointing across the way to the target, body lengths/s")
 REACH_BONUS = weight(1.0, "bonus for reaching a target, in addition to the approach, body lengths")
 DRAWN = 50  # targets drawn at the start of an episode, the first again after the last
 

@@ -20,8 +20,8 @@ from fish_env.tasks.options import Direction, Option, weight
 from fish_env.tasks.rewards import wrap_angle
 from fish_env.tasks.start import heading_vector, place
 
-ALIGNMENT_WEIGHT = weight(5.0, "price of pointing across the commanded heading, body lengths/s")
-OVERSHOOT_WEIGHT = weight(10.0, "price of having turned a right angle too far, body lengths/s")
+ALIGNMENT_WEIGHT = weight(5.0, "weight of pointing across the commanded heading, body lengths/s")
+OVERSHOOT_WEIGHT = weight(10.0, "weight of having turned a right angle too far, body lengths/s")
 COMPLETE = 0.9  # part of a turn after which it counts as made
 LEAST_TURN = math.radians(1.0)  # a smaller turn has no radius
 SETTLED = math.radians(10.0)  # largest heading error at which a turn has settled, on average over a beat
