@@ -570,7 +570,6 @@ SLOW = (
     "fish_env chart",
     "fish_env train .*--integrator",
     "fish_env train .*--body tetrahedral",
-    "fish_env evaluate .*--body two_layer",
     r"fish_env report runs/(swim|all)/",
 )
 """How commands begin that take long even so."""
