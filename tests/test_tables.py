@@ -112,8 +112,8 @@ def bodies():
 
 def fits():
     """Distances of the fitted bodies to the finest one: on other seeds, and over what they were fitted to."""
-    names = {"swim": "Swim", "turn": "Turn, Avoid", "left_after_right": "LeftAfterRight", "target": "Target",
-             "avoid": "Turn, Avoid", "fast_start": "FastStart", "square": "square waves", "chirp": "chirps",
+    names = {"swim": "Swim", "turn": "Turn", "left_after_right": "LeftAfterRight", "target": "Target",
+             "avoid": "Avoid", "fast_start": "FastStart", "square": "square waves", "chirp": "chirps",
              "gaits": "gaits up to 6 Hz"}  # fmt: skip
     for scene, name in names.items():
         rows = read_table("fit_tests.csv", water="reactive", scene=scene, quantity="all")
