@@ -154,6 +154,23 @@ def test_side_by_side_is_compared(monkeypatch):
     assert cheap.tank.dt == cheap.own_step and costly.tank.dt == pytest.approx(2.0 * cheap.tank.dt)
 
 
+@pytest.mark.parametrize(
+    ("name", "labels"),
+    [
+        ("what the method does", ["1. leapfrog_chebyshev", "2. explicit_euler", "3. rk4"]),
+        ("what the body does", ["1. mass_spring", "2. planar", "3. two_layer"]),
+        ("what the water does", ["1. water: reactive", "2. water: drag"]),
+        ("soft objects", []),
+    ],
+)
+def test_labels_name_what_differs(name, labels):
+    """Bodies that are compared have labels of what is not the same in all, and charts the same names."""
+    scene = SCENES[name]()
+    assert list(scene.labels) == labels and (not labels or scene.plots["largest strain"] == labels)
+    scene.choose([Entry("ring"), Entry("ring"), Entry("ring", "", (("nodes", 20),))])
+    assert list(scene.labels) == ["1. ring", "2. ring", "3. nodes 20"]
+
+
 @pytest.mark.slow
 def test_many_nodes_take_longer_steps():
     """By the stabilised method 841 nodes of a fish take twice their own step, those of solids four times, and last."""
@@ -444,6 +461,17 @@ def test_every_scene_is_shown_and_every_control_acts(name, session):
         assert "error" not in messages(session.answer({"do": "set", "name": each.name, "value": value})), each.name
         now = {after.name: after.value for after in session.controls()}
         assert each.kind == "button" or now.get(each.name, value) == pytest.approx(value)
+
+
+def test_new_bodies_are_compiled_before_their_picture(session, monkeypatch):
+    """A choice of bodies is answered after a trial, so that a page waits once; then the scene is at its start."""
+    trials, advance = [], ObjectScene.advance
+    monkeypatch.setattr(ObjectScene, "advance", lambda scene, time: trials.append(time) or advance(scene, time))
+    session.answer({"do": "scene", "name": "what the water does"})
+    assert trials == [0.1] and session.scene.time == 0.0 and session.scene.objects[0].tank.time[0] == 0.0
+    session.answer({"do": "set", "name": "object 1", "value": "none"})
+    session.answer(SPEED | {"value": 1.0})
+    assert trials == [0.1, 0.1]
 
 
 def test_another_object_is_another_look(session):

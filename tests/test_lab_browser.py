@@ -23,6 +23,7 @@ from fish_env.lab.session import SCENES
 
 pytestmark = pytest.mark.slow
 SIZE, PHONE = {"width": 1000, "height": 620}, {"width": 390, "height": 780}
+SIZES = {"desktop": {"width": 1280, "height": 800}, "phone": {"width": 390, "height": 844}}
 CHROMIUM = os.environ.get("FISH_ENV_CHROMIUM") or shutil.which("chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 WATCH = """([count, passed]) => new Promise((done) => {
@@ -35,6 +36,17 @@ WATCH = """([count, passed]) => new Promise((done) => {
   };
 })"""
 """Draw so many pictures, so many seconds apart: where every body is in the picture, -1 to 1."""
+HIDDEN = """() => {
+  const { bodies, spheres } = lab.frame, all = (which) => [...document.querySelectorAll(which)];
+  const panels = all(".card").map((card) => card.getBoundingClientRect()).filter((box) => box.width);
+  const places = [...bodies.flatMap(({ x }) => points(x)), ...spheres].map((p) => project(lab.camera, p))
+    .map(([a, b]) => [innerWidth * (a + 1) / 2, innerHeight * (1 - b) / 2]);
+  const labels = all("#labels span").map((label) => label.getBoundingClientRect());
+  for (const { left, top, right, bottom } of labels) places.push([left, top], [right, bottom]);
+  return places.filter(([x, y]) => x < 0 || y < 0 || x > innerWidth || y > innerHeight
+    || panels.some((box) => x > box.left && x < box.right && y > box.top && y < box.bottom));
+}"""
+"""Pixels of nodes, spheres and corners of labels that are outside the window or behind a panel."""
 
 
 @pytest.fixture(scope="module")
@@ -129,6 +141,34 @@ def test_film_on_a_phone(visit, tmp_path):
     boxes = [page.locator(f"#{name}").bounding_box() for name in ("facts", "legend", "controls")]
     assert boxes[0]["x"] + boxes[0]["width"] < boxes[1]["x"] and boxes[1]["x"] + boxes[1]["width"] <= 342
     assert max(box["y"] + box["height"] for box in boxes[:2]) < boxes[2]["y"]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_nothing_is_behind_a_panel(size, visit):
+    """Bodies, targets and labels are seen in every scene, also after a turn or a throw; what is compared has labels."""
+    visitor = visit(SIZES[size])
+    for name in SCENES:
+        scene = visitor.open(name)
+        for command in (None, "left_after_right", "throw"):
+            if command and command not in {each.name for each in visitor.session.controls()}:
+                continue
+            if command:
+                visitor.page.evaluate("set", command)
+            visitor.watch(5 if "school" in name else 30, 0.06)
+            hidden = visitor.page.evaluate(HIDDEN)
+            assert hidden == [], (name, command)
+        labels = visitor.page.locator("#labels span").all_inner_texts()
+        assert labels == list(scene.labels) and len(labels) == (len(scene.looks) if len(scene.looks) > 1 else 0)
+
+
+def test_zoom_of_the_user_stays(visit):
+    """A fish that is looked at from near by is not moved away again."""
+    visitor = visit()
+    visitor.watch(10)
+    visitor.page.keyboard.press("+")
+    before = visitor.page.evaluate("lab.view.distance / fitted")
+    visitor.watch(20)
+    assert visitor.page.evaluate("lab.view.distance / fitted") == pytest.approx(before) and before < 0.95
 
 
 @pytest.mark.parametrize("scene", SCENES)

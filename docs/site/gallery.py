@@ -111,7 +111,7 @@ def three_painters(step: int, side=480) -> tuple[Image.Image, ...]:
         page.evaluate("send({ do: 'set', name: 'reset' })")
         page.wait_for_function("lab.frame.time === 0")
         page.evaluate(TAKE, [step + 2, interval])  # the page shows a step while the next one is simulated
-        page.evaluate(ABOVE.replace("VIEW", "lab.view"))
+        page.evaluate("lab.still = true; " + ABOVE.replace("VIEW", "lab.view"))
         *_, laboratory = page.evaluate(TAKE, [2, 0.0])
         page.goto("about:blank")
         page.set_content(film_text([recording]))

@@ -282,11 +282,9 @@ class ObjectScene(Scene):
         self._turn, self.upright = TURNS[tuple(first.down.tolist())], bool(first.down[2] == 0.0)
         room = max(each.length if each.is_fish else 2.2 * each.room for each in objects)
         self.spacing = 0.9 * room if first.is_fish else room
-        near = 1.9 if first.is_fish else 1.8 * first.room / self.length
-        self.distance = near + 0.8 * (len(objects) - 1) * self.spacing / self.length
         self.yaw, self.pitch = (-np.pi / 2, 0.12) if self.upright else (-2.0, 0.45)
-        differ = [f"water: {each.entry.water}" if each.entry.water else each.tank.integrator.name for each in objects]
-        names = [f"{k + 1}. {each.original.name}, {differ[k]}" for k, each in enumerate(objects)]
+        names = names_of(objects)
+        self.labels = names if len(objects) > 1 else ()
         self.plots = {"energy since the start (J)": names, "largest strain": names}
         if all(len(each.faces) for each in objects):
             self.plots["volume over rest"] = names
@@ -474,6 +472,18 @@ class ObjectScene(Scene):
                         9 if entry.kind in ("block", "ball") else FINEST.get(name, 24), 1)
             )  # fmt: skip
         return found
+
+
+def names_of(objects: Sequence[SimulatedObject]) -> list[str]:
+    """A number for each object, and what of kind, method, water and resolution is not the same in all."""
+    parts = [
+        (each.original.name, each.tank.integrator.name, each.entry.water and f"water: {each.entry.water}",
+         " ".join(f"{name} {value}" for name, value in each.entry.resolution))
+        for each in objects
+    ]  # fmt: skip
+    differ = [k for k in range(len(parts[0])) if len({row[k] for row in parts}) > 1]
+    names = [", ".join(row[k] for k in differ if row[k]) or row[0] for row in parts]
+    return [f"{number}. {name}" for number, name in enumerate(names, 1)]
 
 
 def with_settings(objects: list[SimulatedObject], settings: dict[str, Any]) -> list[SimulatedObject]:

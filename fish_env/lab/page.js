@@ -1,12 +1,13 @@
 // The laboratory's page: asks for pictures over a websocket, draws them, and sends what is chosen and touched.
-const canvas = $("view"), KEPT = 20, MOST = 2000, view = { yaw: -2.3, pitch: 0.5, distance: 2.6 };
+const canvas = $("view"), KEPT = 20, MOST = 2000, FILLED = 0.85, view = { yaw: -2.3, pitch: 0.5, distance: 2.6 };
 const css = (colour) => `rgb(${colour.join()})`;
 const sharp = () => Math.min(window.devicePixelRatio || 1, 2);  // pixels drawn for a pixel of the page
 let scene = null, renderer = null, looks = [], controls = [], socket = null, history = [], shown = null, back = 0;
-let hover = null, followed = 0, legend = [], middle = [0, 0, 0], ratio = sharp(), waiting = false, asked = 0, slow = 0, seen = null;
+let hover = null, followed = 0, legend = [], middle = [0, 0, 0], fitted = 0, opening = "The laboratory", ratio = sharp(), waiting = false, asked = 0, slow = 0, seen = null;
 
-// The laboratory as it is shown: scripts may set the time between two pictures, take panels away, and hear of pictures.
-const lab = window.lab = { drawn: 0, passed: null, bare: false, heard: null, get scene() { return scene; }, get controls() { return controls; }, get frame() { return shown; }, get camera() { return seen; }, get plots() { return history; }, view };
+// The laboratory as it is shown: scripts may set the time between two pictures, take panels away, keep the distance of
+// the camera, and hear of pictures.
+const lab = window.lab = { drawn: 0, passed: null, bare: false, still: false, heard: null, get scene() { return scene; }, get controls() { return controls; }, get frame() { return shown; }, get camera() { return seen; }, get plots() { return history; }, view };
 
 const send = (message) => { if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
 const set = (name, value = null) => {
@@ -25,15 +26,13 @@ function connect() {
     if (message.scene) enter(message.scene);
     if (message.controls) { controls = message.controls; arrange(); }
     if (message.error) warn(message.error);
-    if (message.busy) busy(message.busy.text, message.busy.part);
+    if (message.busy) busy(`${opening}: ${message.busy}`);
     if (message.download) save(new Blob([message.download.text], { type: "text/html" }), message.download.name);
   };
 }
 
-function busy(text, part) {  // a bar as far as it is known how much there is to do
-  const bar = $("busy").querySelector("progress");
+function busy(text) {
   $("busy").hidden = !text;
-  if (part || part === 0) bar.value = part; else bar.removeAttribute("value");
   if (text) $("doing").textContent = text;
 }
 
@@ -53,15 +52,17 @@ function enter(about) {  // another scene, or other bodies in it
   looks = scene.looks.map((data) => new Look(data, scene.palette, scene.looks[0].length));
   if (!again) {
     Object.assign(view, scene.camera);
-    if (canvas.clientWidth < 760) view.distance *= 1.25;
     middle = null;
   }
+  fitted = 0;
+  opening = scene.name;
   history = []; shown = null; back = 0;
   $("scrub").value = 1000;
   $("title").textContent = scene.title;
   $("hint").textContent = scene.hint;
   $("film").hidden = !scene.films;
-  $("scenes").replaceChildren(...scene.scenes.map((name) => button(name, () => send({ do: "scene", name }), name === scene.name)));
+  $("scenes").replaceChildren(...scene.scenes.map((name) => button(name, () => { opening = name; send({ do: "scene", name }); }, name === scene.name)));
+  $("scenes").querySelector("[aria-pressed=true]").scrollIntoView({ block: "nearest", inline: "nearest" });
   legend = scene.plots.find((plot) => plot.lines.length > 1)?.lines ?? [];
   const named = new Set();  // lines of the same name have one colour in all charts, and are named once
   $("plots").replaceChildren(...scene.plots.map((plot) => {
@@ -77,6 +78,12 @@ function enter(about) {  // another scene, or other bodies in it
     });
     figure.append(caption, document.createElement("canvas"));
     return figure;
+  }));
+  $("labels").replaceChildren(...scene.labels.map((name, k) => {
+    const label = document.createElement("span");
+    label.textContent = name;
+    label.style.color = css(scene.palette.lines[k]);
+    return label;
   }));
 }
 
@@ -192,24 +199,52 @@ function show() {
   const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(1, Math.round(ratio * side)));
   if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
   follow(shown.middle);
-  const wide = canvas.clientWidth > 760 && !lab.bare, covered = scene.plots.length > 2 ? 254 : 0;  // by many charts
-  const panel = wide ? (340 - covered) / canvas.clientWidth : 0, free = wide ? 1 - (340 + covered) / canvas.clientWidth : 1;
-  seen = makeCamera(view, middle, width / height, panel);
-  for (const { x } of bodies.length <= 3 ? bodies : []) {  // bodies that move apart are kept in the picture
-    const [across, up] = project(seen, x.reduce((sum, value, k) => { sum[k % 3] += 3 * value / x.length; return sum; }, [0, 0, 0]));
-    if (Math.max(Math.abs(across + panel) / free, Math.abs(up)) > 0.8) { view.distance = Math.min(1.02 * view.distance, 60); break; }
-  }
+  const area = freeArea(), camera = () => makeCamera(view, middle, width / height, [-area.x, -area.y]);
+  seen = camera();
+  if (!lab.still && !shown.balls.length) fit(seen, area);  // nor while something is dragged
+  seen = camera();
   const failed = shown.failed[1] >= 0 ? bodies[shown.failed[0]]?.x.subarray(3 * shown.failed[1], 3 * shown.failed[1] + 3) : null;
   renderer.draw({
     ...shown, middle,
     bodies: bodies.map((body) => ({ ...body, look: looks[body.look], show: shown.show })),
     balls: [...shown.balls, ...(failed ? [{ at: [...failed], radius: 0.06, colour: [220, 40, 0] }] : [])],
   }, seen);
+  [...$("labels").children].forEach((label, k) => {
+    const places = points(bodies[k].x).map((p) => project(seen, p)), half = label.offsetWidth / 2 + 2;
+    const [left, right] = [Math.min, Math.max].map((end) => end(...places.map((p) => p[0])));
+    label.style.left = `${Math.max(half, Math.min(canvas.clientWidth - half, canvas.clientWidth * (left + right + 2) / 4))}px`;
+    label.style.top = `${50 * (1 - Math.max(...places.map((p) => p[1])))}%`;
+  });
   lab.drawn += 1;
   if (lab.drawn % 6 === 0 || shown.failure) write();
   const p = hover && scene.follows ? onWater(...hover) : null;
   if (p) point("hover", p);
   hover = null;
+}
+
+const points = (x) => Array.from({ length: x.length / 3 }, (_, n) => x.subarray(3 * n, 3 * n + 3));
+
+function freeArea() {  // what the panels leave free of the picture: its middle, and half its sides, -1 to 1
+  const { clientWidth: width, clientHeight: height } = canvas, box = (id) => $(id).getBoundingClientRect();
+  if (lab.bare) return { x: 0, y: 0, across: 1, high: 1 };
+  const narrow = width <= 760, [left, right] = narrow ? [0, width] : [box("plots").right, box("panel").left];
+  const [top, bottom] = narrow ? [box("plots").bottom, box("panel").top] : [box("facts").bottom, box("bottom").top];
+  return {
+    x: (left + right) / width - 1, y: 1 - (top + bottom) / height,
+    across: Math.max(0.1, (right - left) / width), high: Math.max(0.1, (bottom - top) / height),
+  };
+}
+
+function fit({ right, up, back, wide, tall }, { across, high }) {  // all that is to be seen fills a part of the free area
+  const { bodies, spheres, arrows } = shown, all = [...bodies.flatMap(({ x }) => points(x)), ...spheres, ...arrows.map(({ from, way }) => add(from, way))];
+  const needed = Math.min(60, all.reduce((most, p) => {
+    const way = sub(p, middle), side = Math.max(wide * Math.abs(dot(right, way)) / across, tall * Math.abs(dot(up, way)) / high);
+    return Math.max(most, (p[3] ?? 0) + dot(back, way) + side / FILLED);
+  }, 0.9));
+  // at once in a new scene, then softly, and nearer only if much is free; what the user has zoomed by stays
+  const change = !fitted ? needed / view.distance : needed > fitted ? Math.min(1.05, needed / fitted) : needed < 0.6 * fitted ? 0.99 : 1;
+  fitted = fitted ? change * fitted : needed;
+  view.distance *= change;
 }
 
 function follow(there) {  // the camera follows softly, and never by more than a third of a length behind
@@ -235,6 +270,7 @@ function write() {  // words and charts
 function plot(chart, k) {
   const [width, height] = [chart.clientWidth, chart.clientHeight], pen = chart.getContext("2d"), lines = scene.plots[k].lines.length;
   if (!width) return;
+  const angle = scene.plots[k].title.includes("degrees");
   chart.width = 2 * width; chart.height = 2 * height;
   pen.scale(2, 2);
   pen.font = "11px system-ui";
@@ -256,7 +292,11 @@ function plot(chart, k) {
   for (let j = 0; j < lines; j++) {
     pen.strokeStyle = css(colourOf(scene.plots[k], j));
     pen.beginPath();
-    for (const { time, values } of few) if (values[k][j] !== null && values[k][j] !== undefined) pen.lineTo(x(time), y(values[k][j]));
+    let last = null;
+    for (const { time, values: { [k]: row } } of few) if (row[j] !== null && row[j] !== undefined) {
+      if (angle && Math.abs(row[j] - last) > 180) pen.moveTo(x(time), y(row[j])); else pen.lineTo(x(time), y(row[j]));  // 180 degrees are -180
+      last = row[j];
+    }
     pen.stroke();
   }
   if (back) { pen.strokeStyle = "#c43b00"; pen.beginPath(); pen.moveTo(x(shown.time), 0); pen.lineTo(x(shown.time), height - 14); pen.stroke(); }

@@ -1,7 +1,7 @@
 """Scenes: bodies that move, with their controls and charts. A scene knows nothing of a browser."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,7 +45,8 @@ class Scene(ABC):
     """Bodies that move, and what the page may do with them."""
 
     title = hint = ""
-    yaw, pitch, distance = -2.3, 0.5, 2.5  # of the camera at first: rad, rad, lengths
+    yaw, pitch = -2.3, 0.5  # rad, of the camera at first
+    labels: Sequence[str] = ()  # of bodies that are compared
     looks: list[Look]  # of the bodies: another list whenever looks or plots change
     plots: dict[str, list[str]]  # names of the lines by the title of their chart
     show: dict[str, bool]  # the parts of a body that are drawn: see `Frame.show`

@@ -48,12 +48,12 @@ def hosts_of(host: str) -> re.Pattern[str]:
 
 async def wait_for(connection: ServerConnection, work: Callable[..., Any], *given: Any) -> Any:
     """The result of what is done in a thread; a page that waits for long is sent how much is compiled."""
-    doing = asyncio.create_task(asyncio.to_thread(work, *given))
+    before, doing = compiled(), asyncio.create_task(asyncio.to_thread(work, *given))
     while not (await asyncio.wait({doing}, timeout=PAUSE))[0]:
-        count = compiled()
-        text = f"Compiling kernels, once per scene: {count}" if count else "Preparing ..."
+        count = compiled() - before
+        text = f"compiling, once per scene; {count} kernels so far" if count else "preparing ..."
         with suppress(ConnectionClosed, ConnectionError):  # the work is not left half done
-            await connection.send(encode("busy", {"text": text, "part": None}))
+            await connection.send(encode("busy", text))
     return doing.result()
 
 

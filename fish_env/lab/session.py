@@ -70,6 +70,7 @@ class Session:
         self.name, make = next(iter(self.scenes.items()))
         self.scene: Scene = make()
         self.paused, self.speed = False, 1.0
+        self._prepare()
 
     def choose(self, name: Any) -> None:
         """Show a scene; ValueError, and the present one stays, for one that there is not."""
@@ -83,6 +84,8 @@ class Session:
         replies = list[str | bytes]()
         try:
             replies += self._answer(message if isinstance(message, Mapping) else {})
+            if self._prepared is not self.scene.looks:
+                self._prepare()
         except ValueError as error:
             replies.append(encode("error", str(error)))
             self._sent_controls = ""  # a choice that was refused is shown again as it was
@@ -97,6 +100,13 @@ class Session:
             self._sent_controls = shown
             replies.append(shown)
         return replies
+
+    def _prepare(self) -> None:
+        """Compile all that new bodies need before their first picture, so that a page waits once."""
+        self.scene.advance(LATEST)
+        self.scene.readings()
+        self.scene.reset()
+        self._prepared = self.scene.looks
 
     def _answer(self, message: Mapping[str, Any]) -> list[str | bytes]:
         match message.get("do"):
@@ -169,7 +179,7 @@ class Session:
         scene = self.scene
         return {
             "name": self.name, "scenes": list(self.scenes), "title": scene.title, "hint": scene.hint,
-            "camera": {"yaw": scene.yaw, "pitch": scene.pitch, "distance": scene.distance},
+            "camera": {"yaw": scene.yaw, "pitch": scene.pitch}, "labels": list(scene.labels),
             "looks": [pack_look(look) for look in scene.looks], "upright": scene.upright, "palette": PALETTE,
             "plots": [{"title": title, "lines": lines} for title, lines in scene.plots.items()],
             "follows": scene.follows, "films": scene.films,

@@ -57,7 +57,6 @@ class FishScene(Scene):
         place = np.stack(np.divmod(np.arange(env.num_envs), columns), axis=1) - (0.0, 0.5 * (columns - 1))
         self.offset = APART * self.fish.length * np.column_stack([-place[:, 0], place[:, 1], np.zeros(env.num_envs)])
         """Offset at which each fish is shown, from its position in its own water, (B,3) m."""
-        self.distance = 2.6 + 1.5 * APART * (np.sqrt(env.num_envs) - 1.0)
         self.show = {"skin": True, "springs": False}
         self.reset()
 

@@ -25,17 +25,17 @@ function along(scale, part) {  // the colour at a part, 0 to 1, of a scale of co
 }
 
 // Where the picture is seen from: angles, distance and the place that it looks at.
-function makeCamera({ yaw, pitch, distance }, target, aspect, shift = 0) {
+function makeCamera({ yaw, pitch, distance }, target, aspect, shift = [0, 0]) {  // shift: of the target from the middle, left and down
   const cos = Math.cos(pitch), back = [Math.cos(yaw) * cos, Math.sin(yaw) * cos, Math.sin(pitch)];
   const right = normal(cross([0, 0, 1], back)), up = cross(back, right), eye = add(target, back, distance);
   const near = 0.05, far = 120, wide = 1 / (Math.tan(0.4) * Math.max(aspect, 1)), tall = wide * aspect;
   const m = new Float32Array(16), depth = [-(far + near) / (far - near), -2 * far * near / (far - near)];
   for (let c = 0; c < 3; c++) {
-    m[4 * c] = wide * right[c] + shift * back[c]; m[4 * c + 1] = tall * up[c];
+    m[4 * c] = wide * right[c] + shift[0] * back[c]; m[4 * c + 1] = tall * up[c] + shift[1] * back[c];
     m[4 * c + 2] = depth[0] * back[c]; m[4 * c + 3] = -back[c];
   }
   const away = -dot(back, eye);
-  m[12] = -wide * dot(right, eye) + shift * away; m[13] = -tall * dot(up, eye); m[14] = depth[0] * away + depth[1]; m[15] = -away;
+  m[12] = -wide * dot(right, eye) + shift[0] * away; m[13] = -tall * dot(up, eye) + shift[1] * away; m[14] = depth[0] * away + depth[1]; m[15] = -away;
   return { matrix: m, eye, back, right, up, wide, tall, shift };
 }
 
@@ -45,7 +45,7 @@ function project(seen, p) {  // place in the picture, -1 to 1, and distance alon
 }
 
 function ray(seen, x, y) {  // direction of the line of sight through a place in the picture, one unit deep
-  return add(add(seen.back.map((v) => -v), seen.right, (x + seen.shift) / seen.wide), seen.up, y / seen.tall);
+  return add(add(seen.back.map((v) => -v), seen.right, (x + seen.shift[0]) / seen.wide), seen.up, (y + seen.shift[1]) / seen.tall);
 }
 
 // A surface of a body: points from its landmarks, corners of faces, and the colour of every point.

@@ -19,6 +19,8 @@ MUSCLE_REACH = 0.055  # body lengths: how far from a muscle the skin still takes
 FORK = 0.45  # how far the notch of the tail fin reaches towards its root
 UP, DOWN = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
 LEFT, RIGHT = np.array([0.0, 1.0, -0.35]), np.array([0.0, -1.0, -0.35])
+ABOVE_LEFT, ABOVE_RIGHT = np.array([0.0, 0.6, 1.0]), np.array([0.0, -0.6, 1.0])
+PECTORAL, PECTORAL_RAYS = 0.12, 10  # body lengths; a fan from one point, outward, down and backward
 EYE_STATION, EYE_HEIGHT = 0.085, 0.35  # body lengths behind the nose; slope of the line of sight above the horizontal
 
 
@@ -127,18 +129,21 @@ def fins(weights: np.ndarray, points: np.ndarray, length: float) -> tuple[np.nda
     Returns:
         weights of their points (P,N), and quadrilaterals (R,4) that number them from V on.
     """
+    angles = np.radians(np.linspace(62.0, 8.0, PECTORAL_RAYS))
+    reach = PECTORAL * np.sin(np.pi * np.linspace(0.16, 0.86, PECTORAL_RAYS)) ** 0.4  # with a round edge
+    fan = ((0.225, 0.225), reach * np.sin(angles), reach * np.cos(angles))
     shapes = (  # side, opposite side, stations of the root, height and sweep of each ray; all in body lengths
         (UP, DOWN, (0.27, 0.58), (0.0, 0.085, 0.075, 0.05, 0.035, 0.03, 0.022, 0.0), (0.03, 0.075)),
         (DOWN, UP, (0.58, 0.72), (0.0, 0.055, 0.04, 0.025, 0.0), (0.03, 0.05)),
         (DOWN, UP, (0.36, 0.41), (0.0, 0.05, 0.02), (0.05, 0.06)),
-        (LEFT, RIGHT, (0.215, 0.255), (0.02, 0.095, 0.06, 0.02), (0.05, 0.09)),
-        (RIGHT, LEFT, (0.215, 0.255), (0.02, 0.095, 0.06, 0.02), (0.05, 0.09)),
+        (LEFT, ABOVE_RIGHT, *fan),
+        (RIGHT, ABOVE_LEFT, *fan),
     )
     rows, quads = [], []
-    for side, opposite, (start, stop), heights, (sweep, sweep_end) in shapes:
-        base = len(weights) + sum(map(len, rows))
-        stations = np.linspace(start, stop, len(heights))
-        rows.append(fin_rays(weights, points, length, side, opposite, stations, heights, (sweep, sweep_end)))
+    for side, opposite, (start, stop), heights, sweep in shapes:
+        base, count = len(weights) + sum(map(len, rows)), len(heights)
+        stations, sweep = (each if len(each) == count else np.linspace(*each, count) for each in ((start, stop), sweep))
+        rows.append(fin_rays(weights, points, length, side, opposite, stations, heights, sweep))
         quads += [(base + 2 * k, base + 2 * k + 1, base + 2 * k + 3, base + 2 * k + 2) for k in range(len(heights) - 1)]
     return np.concatenate(rows), np.array(quads)
 
@@ -147,7 +152,7 @@ def fin_rays(weights, points, length, side, opposite, stations, heights, sweep) 
     """Weights (2K,N) of a fin of K rays: root and tip of each in turn."""
     backwards = weights[points[:, 0].argmin()] - weights[points[:, 0].argmax()]
     rows = []
-    for station, height, back in zip(stations, heights, np.linspace(sweep[0], sweep[1], len(heights)), strict=True):
+    for station, height, back in zip(stations, heights, sweep, strict=True):
         root, far = outermost(points, length, station, side), outermost(points, length, station, opposite)
         thickness = np.linalg.norm(points[root] - points[far]) / length
         out = (weights[root] - weights[far]) / max(thickness, 0.01)
