@@ -11,6 +11,7 @@ import logging
 import re
 import socket
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from http import HTTPStatus
@@ -47,11 +48,11 @@ def hosts_of(host: str) -> re.Pattern[str]:
 
 
 async def wait_for(connection: ServerConnection, work: Callable[..., Any], *given: Any) -> Any:
-    """The result of what is done in a thread; a page that waits for long is sent how much is compiled."""
-    before, doing = compiled(), asyncio.create_task(asyncio.to_thread(work, *given))
+    """The result of what is done in a thread; a page that waits for long is told for how long."""
+    begin, compiling, doing = time.monotonic(), False, asyncio.create_task(asyncio.to_thread(work, *given))
     while not (await asyncio.wait({doing}, timeout=PAUSE))[0]:
-        count = compiled() - before
-        text = f"compiling, once per scene; {count} kernels so far" if count else "preparing ..."
+        compiling = compiling or compiled() > 0
+        text = f"{'compiling, once per scene' if compiling else 'preparing'}, {time.monotonic() - begin:.0f} s"
         with suppress(ConnectionClosed, ConnectionError):  # the work is not left half done
             await connection.send(encode("busy", text))
     return doing.result()

@@ -28,11 +28,12 @@ FOLLOW = "Move the pointer, or touch the water: the fish swims there. Drag turns
 SCENES: dict[str, Callable[[], Scene]] = {
     "follow me": lambda: SwimmerScene("A trained fish", FOLLOW),
     "left after right": lambda: SwimmerScene(
-        "Left after right", "Press L: a left turn begins before the right one is over.", "policy for abrupt turns",
-        follow=False,
+        "Left after right", "The button or key L: a left turn begins before the right one is over.",
+        "policy for abrupt turns", follow=False,
     ),
     "fast start": lambda: SwimmerScene(
-        "Fast start", "Press F: the fish is told to get away, from rest.", "policy for fast starts", follow=False
+        "Fast start", "The button or key F: the fish is told to get away, from rest.", "policy for fast starts",
+        follow=False,
     ),
     "school of 64": lambda: SwimmerScene("A school of 64", "One call of one policy moves all. " + FOLLOW, num_fish=64),
     "obstacles": lambda: SwimmerScene(
@@ -103,6 +104,7 @@ class Session:
 
     def _prepare(self) -> None:
         """Compile all that new bodies need before their first picture, so that a page waits once."""
+        self.scene.point("start", self.scene.frame().bodies[0].position[0], 0)
         self.scene.advance(LATEST)
         self.scene.readings()
         self.scene.reset()
