@@ -199,9 +199,8 @@ function show() {
   const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.max(1, Math.round(ratio * side)));
   if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
   follow(shown.middle);
-  const area = freeArea(), camera = () => makeCamera(view, middle, width / height, [-area.x, -area.y]);
-  seen = camera();
-  if (!lab.still && !shown.balls.length) fit(seen, area);  // nor while something is dragged
+  const area = freeArea(), camera = () => makeCamera(view, middle, width / height, [-area[0], -area[1]]);
+  if (!lab.still && !shown.balls.length) fit(camera(), area);  // not while something is dragged
   seen = camera();
   const failed = shown.failed[1] >= 0 ? bodies[shown.failed[0]]?.x.subarray(3 * shown.failed[1], 3 * shown.failed[1] + 3) : null;
   renderer.draw({
@@ -226,16 +225,13 @@ const points = (x) => Array.from({ length: x.length / 3 }, (_, n) => x.subarray(
 
 function freeArea() {  // what the panels leave free of the picture: its middle, and half its sides, -1 to 1
   const { clientWidth: width, clientHeight: height } = canvas, box = (id) => $(id).getBoundingClientRect();
-  if (lab.bare) return { x: 0, y: 0, across: 1, high: 1 };
-  const narrow = width <= 760, [left, right] = narrow ? [0, width] : [box("plots").right, box("panel").left];
-  const [top, bottom] = narrow ? [box("plots").bottom, box("panel").top] : [box("facts").bottom, box("bottom").top];
-  return {
-    x: (left + right) / width - 1, y: 1 - (top + bottom) / height,
-    across: Math.max(0.1, (right - left) / width), high: Math.max(0.1, (bottom - top) / height),
-  };
+  const [left, right, top, bottom] = lab.bare ? [0, width, 0, height]
+    : width <= 760 ? [0, width, box("plots").bottom, box("panel").top]
+    : [box("plots").right, box("panel").left, box("facts").bottom, box("bottom").top];
+  return [(left + right) / width - 1, 1 - (top + bottom) / height, ...[(right - left) / width, (bottom - top) / height].map((part) => Math.max(0.1, part))];
 }
 
-function fit({ right, up, back, wide, tall }, { across, high }) {  // all that is to be seen fills a part of the free area
+function fit({ right, up, back, wide, tall }, [, , across, high]) {  // all that is to be seen fills a part of the free area
   const { bodies, spheres, arrows } = shown, all = [...bodies.flatMap(({ x }) => points(x)), ...spheres, ...arrows.map(({ from, way }) => add(from, way))];
   const needed = Math.min(60, all.reduce((most, p) => {
     const way = sub(p, middle), side = Math.max(wide * Math.abs(dot(right, way)) / across, tall * Math.abs(dot(up, way)) / high);

@@ -103,7 +103,8 @@ class Session:
         return replies
 
     def _prepare(self) -> None:
-        """Compile all that new bodies need before their first picture, so that a page waits once."""
+        """Compile all that new bodies need before their first picture, free and dragged, so that a page waits once."""
+        self.scene.advance(LATEST)
         self.scene.point("start", self.scene.frame().bodies[0].position[0], 0)
         self.scene.advance(LATEST)
         self.scene.readings()
