@@ -326,7 +326,7 @@ def test_a_school_swims_as_each_fish_alone():
     """One call of the policy for all of a school is that for one; many are drawn with fewer faces and own arrows."""
     school, alone = swum(num_fish=5), swum()
     assert np.allclose(school.tank.position[0], alone.tank.position[0], atol=1e-3 * alone.length)
-    offset = np.array([middle(school, i) for i in range(5)]) - school._before.mean(axis=1)
+    offset = np.array([middle(school, i) for i in range(5)]) - school._before[0].mean(axis=1)
     assert np.linalg.norm(offset[:, None] - offset[None], axis=2)[np.triu_indices(5, 1)].min() > school.length
     assert len(school.looks[0].surfaces[0].faces) < 0.2 * len(alone.looks[0].surfaces[0].faces)
     assert len(school.frame().arrows) == 5

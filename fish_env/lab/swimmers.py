@@ -20,7 +20,7 @@ from fish_env.control.policy import Policy, load_policy, shipped_policy
 from fish_env.control.sequencer import scripted
 from fish_env.envs import FishVectorEnv
 from fish_env.lab.scene import Control, Scene
-from fish_env.scene.frame import Frame, make_frame
+from fish_env.scene.frame import Body, Frame, make_frame
 from fish_env.scene.look import look_of
 from fish_env.scene.skin import LEVELS
 from fish_env.tasks.avoid import AvoidTask
@@ -65,11 +65,11 @@ class FishScene(Scene):
         self.env.reset(seed=0, options=self.start)
         self.due = self.time = self.since = self.reward = 0.0
         self.failure = self.note = ""
-        self._before, self._path = self.tank.position.copy(), deque[np.ndarray](maxlen=300)
+        self._before, self._path = self._state(), deque[np.ndarray](maxlen=300)
 
     def step(self) -> None:
         """Move on by an environment step."""
-        self._before = self.tank.position.copy()
+        self._before = self._state()
         action = self.controller(self.env.observe(), self.since)
         reward, *self.over = self.act(np.broadcast_to(action, (self.env.num_envs, *np.shape(action)[-1:])))
         self.reward, self.since, self.time = float(reward[0]), self.since + self.interval, self.time + self.interval
@@ -80,6 +80,10 @@ class FishScene(Scene):
         """Rewards (B,) of an environment step, and which episodes have been terminated and truncated, (B,)."""
         return self.env.advance(action)
 
+    def _state(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (B,N,3) m and contractions (B,M) of all fish."""
+        return self.tank.position.copy(), np.clip(self.tank.contraction, 0.0, 1.0)
+
     def speed(self) -> float:
         """Speed of the first fish, lengths/s."""
         return float(np.linalg.norm(self.env._pose.velocity[0])) / self.length
@@ -87,11 +91,13 @@ class FishScene(Scene):
     def frame(self) -> Frame:
         """Every fish, between its last two environment steps, its command, target or obstacle, and the path of one."""
         ahead = 1.0 - np.clip((self.due - self.time) / self.interval, 0.0, 1.0)
-        ways = self.offset[:, None] - ahead * (self.tank.position - self._before)
+        moved, contracted = (ahead * (then - now) for then, now in zip(self._before, self._state(), strict=True))
+        ways = self.offset[:, None] + moved
         found = [make_frame(self.env, i, look=self.looks[0]) for i in range(self.env.num_envs)]
         bodies, arrows, spheres = [], [], []
-        for each, way, offset in zip(found, ways, self.offset, strict=True):
-            bodies.append(each.bodies[0]._replace(position=each.bodies[0].position + way))
+        for each, way, change, offset in zip(found, ways, contracted, self.offset, strict=True):
+            look, x, contraction, tone = each.bodies[0]
+            bodies.append(Body(look, x + way, contraction + change, tone))
             arrows += [arrow._replace(start=arrow.start + way.mean(axis=0)) for arrow in each.arrows]
             spheres.append(each.spheres + np.append(offset, 0.0))
         return found[0]._replace(
@@ -329,7 +335,7 @@ class UserScene(FishScene):
         if any(ended[0] for ended in self.over):
             reason = np.ravel(self.infos.get("final_info", {}).get("failure", [""]))[0]
             self.note = f"An episode ended after {self.time:.1f} s. {reason}".strip()
-            self.since, self._before = 0.0, self.tank.position.copy()
+            self.since, self._before = 0.0, self._state()
             self._path.clear()
 
     def readings(self) -> list[list[float]]:

@@ -142,7 +142,8 @@ def fins(weights: np.ndarray, points: np.ndarray, length: float) -> tuple[np.nda
     rows, quads = [], []
     for side, opposite, (start, stop), heights, sweep in shapes:
         base, count = len(weights) + sum(map(len, rows)), len(heights)
-        stations, sweep = (each if len(each) == count else np.linspace(*each, count) for each in ((start, stop), sweep))
+        stations = np.linspace(start, stop, count)
+        sweep = sweep if len(sweep) == count else np.linspace(sweep[0], sweep[1], count)
         rows.append(fin_rays(weights, points, length, side, opposite, stations, heights, sweep))
         quads += [(base + 2 * k, base + 2 * k + 1, base + 2 * k + 3, base + 2 * k + 2) for k in range(len(heights) - 1)]
     return np.concatenate(rows), np.array(quads)
