@@ -330,7 +330,7 @@ def test_a_school_swims_as_each_fish_alone():
     assert np.linalg.norm(offset[:, None] - offset[None], axis=2)[np.triu_indices(5, 1)].min() > school.length
     assert len(school.looks[0].surfaces[0].faces) < 0.2 * len(alone.looks[0].surfaces[0].faces)
     assert len(school.frame().arrows) == 5
-    place, before = alone.tank.position[0], alone._before[0]  # pictures lie between two environment steps
+    place, before = alone.tank.position[0], alone._before[0][0]  # pictures lie between two environment steps
     assert alone.frame().bodies[0].position == pytest.approx(before)
     alone.advance(0.5 * alone.interval)
     assert alone.frame().bodies[0].position == pytest.approx(0.5 * (before + place))
