@@ -177,7 +177,7 @@ REGISTRY = {result.name: result for result in (
     ),
     published(
         "learning.sensing", "what sensors cost, and what policies keep under held-out conditions; trains 18 policies",
-        35, "learning/sensing.csv", "learning/held_out.csv", "docs/images/held_out.svg", follows=TRAINED,
+        35, "learning/sensing.csv", "learning/held_out.csv", "docs/images/conditions.svg", follows=TRAINED,
     ),
     published(
         "learning.weights", "Swim with other weights of effort and of a swaying head; trains 8 policies",

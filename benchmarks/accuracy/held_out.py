@@ -52,14 +52,13 @@ def draw() -> None:
     """One panel a body and water: geometric mean against price, and lines up to the worst scene, a tick at 90 %."""
     rows = read_table("held_out.csv")
     cases = list(dict.fromkeys((row["water"], row["body"]) for row in rows))
-    height = len(cases) // 3
-    figure, axes = panels(3, (13, 4.0 * height), height, sharey=True)
+    figure, axes = panels(3, 7.0, len(cases) // 3, sharey=True)
     for panel, (water, body) in zip(axes, cases, strict=True):
         draw_errors(panel, select(rows, water=water, body=body))
-        panel.set(title=f"{body}, {water}", xlabel="processor time, us per control interval")
-    for panel in axes[::3]:
-        panel.set_ylabel("error, body lengths (hollow: some failed)")
-    legend_below(figure, axes[0], 6)
+        panel.set_title(f"{body.replace('_', '-')} fish, {water}")
+    axes[-2].set_xlabel("processor time of a control interval, µs")
+    figure.supylabel("error, body lengths (hollow: some failed)")
+    legend_below(figure, 3)
     save(figure, RESULTS / "held_out.svg")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common import problems
-from benchmarks.common.charts import METHOD_STYLE, legend_below, panels, save
+from benchmarks.common.charts import METHOD_STYLE, legend_below, panels, save, words
 from benchmarks.common.problems import FIXED
 from benchmarks.common.tables import RESULTS, publish, read_table, select
 from fish_env import INTEGRATORS, make_fish
@@ -26,6 +26,9 @@ MOST_SUBSTEPS = {"linearly implicit": 96}  # most steps a control interval that 
 FEWEST = 7  # valid runs a method must show on a scene, if it has them
 BATCH, REPEATS = 8, 3
 ACCURATE = 0.01  # body lengths
+NOT_DRAWN = {"turn_x10_damped", "turn_x100", "explicit_euler", "midpoint", "linearly_implicit",
+             "linearly_implicit_projected", "linearly_implicit_water"}  # fmt: skip
+"""Scenes and methods that only the table has."""
 
 
 def timed(problem: problems.Problem, name: str, substeps: int, refine: float) -> float:
@@ -101,17 +104,17 @@ def reference_of(scene: str) -> tuple[np.ndarray, dict]:
 
 
 def draw() -> None:
-    """One panel a scene: error against time, a line a method; failed runs on top."""
+    """One panel for each of six scenes: error against time, a line a method; failed runs on top."""
     rows, across = read_table("work_precision.csv"), "us_per_interval"
-    figure, axes = panels(4, (16, 8.2), 2, sharey=True)
+    figure, axes = panels(3, 7.2, 2, sharey=True)
     top, bottom = 2.0, 1e-6
-    for panel, (scene, problem) in zip(axes, problems.problems().items(), strict=True):
-        for name, refine in LINES:
-            colour, marker = METHOD_STYLE.get(name, ("#444444", "P"))
+    for panel, scene in zip(axes, (name for name in problems.problems() if name not in NOT_DRAWN), strict=True):
+        for name, refine in (line for line in LINES if line[0] not in NOT_DRAWN):
+            colour, marker = METHOD_STYLE[name]
             line = sorted(select(rows, scene=scene, integrator=name, refine=refine), key=lambda row: row["substeps"])
             valid = [row for row in line if np.isfinite(row["error"])]
             size = 9 if name == DEFAULT else 4.5
-            dashes, label_of = ("--", f"{name}, refined") if np.isfinite(refine) else ("-", name)
+            dashes, label_of = ("--", f"{words(name)}, refined") if np.isfinite(refine) else ("-", words(name))
             panel.loglog([row[across] for row in valid], [min(max(row["error"], bottom), top) for row in valid],
                          color=colour, marker=marker, markersize=size, linewidth=1.2, label=label_of,
                          linestyle=dashes)  # fmt: skip
@@ -121,11 +124,10 @@ def draw() -> None:
                 panel.plot(failed, [top] * len(failed), linestyle="", color=colour, marker=marker,
                            markersize=size, fillstyle="none")  # fmt: skip
         panel.axhline(ACCURATE, color="#bbbbbb", linewidth=0.8, zorder=0)
-        panel.set(ylim=(bottom, 1.6 * top), xlabel="time, us per control interval")
-        panel.set_title(problem.title.replace(", ", ",\n"), fontsize=10)
-    for panel in axes[::4]:
-        panel.set_ylabel("error, body lengths (hollow: failed)")
-    legend_below(figure, axes[0], 5)
+        panel.set(ylim=(bottom, 1.6 * top), title=problems.problems()[scene].title.replace(", ", ",\n"))
+    axes[-2].set_xlabel("processor time of a control interval, µs")
+    figure.supylabel("error, body lengths (hollow, at the top: failed)")
+    legend_below(figure, 3)
     save(figure, RESULTS / "work_precision.svg")
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.published import CONFIGS, SEEDS
-from benchmarks.common.charts import pyplot, save
+from benchmarks.common.charts import BLUE, ORANGE, legend_below, panels, save, words
 from benchmarks.common.statistics import rounded
 from benchmarks.common.tables import (
     IMAGES,
@@ -261,23 +261,24 @@ def curve_rows(run: Path) -> list[dict]:
 
 
 def draw_curves(path: Path) -> None:
-    """Score against environment steps for every task: a thin line for each seed, their interquartile mean bold."""
-    figure, grid = pyplot().subplots(2, (len(CONFIGS) + 1) // 2, figsize=(12, 5.4), layout="constrained")
-    for axes in grid.flat[len(CONFIGS) :]:
-        axes.axis("off")
-    for axes, task in zip(grid.flat, CONFIGS, strict=False):
+    """Score against environment steps, but for Target3D: a thin line a seed, their interquartile mean bold."""
+    figure, grid = panels(3, 6.0, 2)
+    for axes, task in zip(grid, (task for task in CONFIGS if task != "target_3d"), strict=True):
         rows = select(read_stored(CURVES), task=task)
         of_seeds = [select(rows, seed=seed) for seed in dict.fromkeys(row["seed"] for row in rows)]
         lines = [np.array(columns(of_seed, "timesteps", "score"), float) / [[1e6], [1.0]] for of_seed in of_seeds]
         points = np.linspace(max(line[0, 0] for line in lines), min(line[0, -1] for line in lines), CURVE_POINTS)
         levels = np.array([np.interp(points, *line) for line in lines])
+        unit, factor, _ = UNITS[SCORES[task]]
         for line in lines:
-            axes.plot(*line, color="#0b7a99", alpha=0.3, lw=0.8)
-        axes.plot(points, [interquartile_mean(column) for column in levels.T], color="#0b7a99", lw=2)
+            axes.plot(line[0], factor * line[1], color=BLUE, alpha=0.4, lw=1, label="each seed")
+        mean = [interquartile_mean(column) for column in factor * levels.T]
+        axes.plot(points, mean, color=BLUE, lw=2, label="PPO in training, interquartile mean over seeds")
         score = {"metric": SCORES[task], "task": task, "condition": "", "method": "motor controllers"}
         (level,) = select(read_stored(METHODS), **score)
-        axes.axhline(float(level["value"]), color="#c0562f", ls="--", lw=1)
-        axes.set(title=task.replace("_", " "), xlabel="million environment steps", ylabel=SCORES[task], ylim=(0, None))
+        axes.axhline(factor * float(level["value"]), color=ORANGE, ls="--", label="motor controllers")
+        axes.set(title=words(task), xlabel="million environment steps", ylabel=unit, ylim=(0, None))
+    legend_below(figure, 3)
     save(figure, path)
 
 

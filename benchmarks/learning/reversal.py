@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.common.charts import pyplot, save
+from benchmarks.common.charts import BLUE, ORANGE, WIDTH, legend_below, pyplot, save
 from benchmarks.common.tables import IMAGES, publish
 from fish_env.bodies.mass_spring import LAYERS
 from fish_env.control import evaluation_options, load_policy, make_eval_env, policy_controller, scripted
@@ -15,7 +15,7 @@ from fish_env.training.config import CONFIGS
 COMMAND = {"yaw": 0.0, "side": -1, "first": 1.3, "second": 1.3, "part": 0.6, "wait": 1.0}
 SEED = 0
 DRAWN = 2.8  # s of the path
-COLOURS = {"motor controllers": "#c0562f", "PPO": "#0b7a99"}
+COLOURS = {"motor controllers": ORANGE, "PPO": BLUE}
 
 
 def swum(controller, env: FishVectorEnv) -> dict[str, np.ndarray]:
@@ -42,7 +42,7 @@ def swum(controller, env: FishVectorEnv) -> dict[str, np.ndarray]:
 
 def draw() -> None:
     """Path with the body every tenth of a second, heading against time with the command, strain against time."""
-    figure, places = pyplot().subplot_mosaic("AA;HS", figsize=(10, 6), height_ratios=(1.2, 1), layout="constrained")
+    figure, places = pyplot().subplot_mosaic("AA;HS", figsize=(WIDTH, 6.4), height_ratios=(1.1, 1))
     above, heading, strain = (places[name] for name in "AHS")
     for k, (name, run) in enumerate(runs().items()):
         colour, apart = COLOURS[name], np.array([[0.0, -k]])
@@ -53,10 +53,12 @@ def draw() -> None:
         heading.plot(run["time"], np.degrees(np.unwrap(np.radians(run["heading"]))), color=colour, lw=1.5, label=name)
         heading.plot(run["time"], run["command"], color=colour, lw=1, ls="--")
         strain.plot(run["time"], 100 * run["strain"], color=colour, lw=1)
-    above.set(aspect="equal", xlabel="body lengths", title=f"from above, {DRAWN} s, the body every 0.1 s", yticks=[])
-    above.legend(frameon=False, loc="lower left")
-    heading.set(xlabel="time, s", ylabel="heading, degrees", title="heading; dashed: what is commanded")
-    strain.set(xlabel="time, s", ylabel="largest strain, %")
+    above.set(
+        aspect="equal", xlabel="body lengths", title=f"path from above, {DRAWN} s; midlines every 0.1 s", yticks=[]
+    )
+    heading.set(xlabel="time, s", ylabel="heading, degrees", title="heading; dashed: the command")
+    strain.set(xlabel="time, s", ylabel="largest strain, %", title="largest strain of any spring")
+    legend_below(figure, 2)
     save(figure, IMAGES / "reversal.svg")
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.common.charts import BLUE, ORANGE, panels, save
+from benchmarks.common.charts import BLUE, ORANGE, legend_below, panels, save, words
 from benchmarks.common.tables import IMAGES, publish, read_table, select
 from fish_env import protocols
 from fish_env.control.evaluation import evaluate, make_policy_env, means
@@ -105,7 +105,7 @@ def held_out_rows() -> list[dict]:
 
 def draw() -> None:
     """Draw the held-out scores, over that of the shipped policy under no change."""
-    figure, axes = panels(len(TASKS), (11.0, 5.0), sharey=True)
+    figure, axes = panels(len(TASKS), 6.4, sharey=True)
     for axis, task in zip(axes, TASKS, strict=True):
         rows = read_table("learning/held_out.csv", task=task)
         (whole,) = select(rows, policy="shipped", condition="as built")
@@ -114,12 +114,13 @@ def draw() -> None:
             label = "trained without" if name == "shipped" else "trained with noise, delays and variation"
             scores = [row["value"] / whole["value"] for row in mine]
             axis.barh(np.arange(len(mine)) + shift, scores, 0.38, color=colour, label=label)
-        axis.set_yticks(range(len(mine)), [row["condition"] for row in mine])
+        axis.set_yticks(range(len(mine)), [words(row["condition"]) for row in mine])
         axis.axvline(0.9, color="black", lw=0.8, ls=":")
-        axis.set(title=task.replace("_", " "), xlabel="score over the shipped policy's as built", xlim=(0.0, 1.2))
+        axis.set(title=words(task), xlim=(0.0, 1.2))
     axes[0].invert_yaxis()
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    save(figure, IMAGES / "held_out.svg")
+    axes[1].set_xlabel("score over that of the shipped policy on the fish as built (dotted: 0.9)")
+    legend_below(figure, 2)
+    save(figure, IMAGES / "conditions.svg")
 
 
 if __name__ == "__main__":

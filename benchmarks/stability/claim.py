@@ -128,21 +128,21 @@ def with_cost(name: str) -> str:
 
 def draw() -> None:
     """Draw the six panels, and that of the published fish in the abrupt turn."""
-    figure, axes = panels(3, (8.6, 6.6), 2, sharex="col", sharey=True)
+    figure, axes = panels(3, 6.8, 2, sharex="col", sharey=True)
     for panel, (kind, body) in zip(axes, ((kind, body) for kind in COMMANDS for body in FISH), strict=True):
         draw_panel(panel, body, kind, METHODS.get)
-        panel.set_title(f"{TITLES[body]},\n{WORDS[kind]}", fontsize=10)
+        panel.set_title(f"{TITLES[body]},\n{WORDS[kind]}")
     for panel in axes[::3]:
         panel.set_ylabel("failed fish, %")
-    legend_below(figure, axes[0], 3)
+    legend_below(figure, 3)
     save(figure, RESULTS / "stability_claim.svg")
-    figure, (panel,) = panels(1, (7.0, 4.7))
+    figure, (panel,) = panels(1, 5.6)
     draw_panel(panel, "published", "abrupt", with_cost)
     panel.axvline(PUBLISHED, color="#888888", linewidth=0.8, linestyle=":", zorder=0)
-    panel.text(PUBLISHED, 1.01, "published step", transform=panel.get_xaxis_transform(), fontsize=8, ha="center")
+    panel.text(PUBLISHED, 1.01, "published step", transform=panel.get_xaxis_transform(), ha="center")
     panel.set(ylabel="failed fish, %")
-    panel.set_title("Published fish: left turn begun before the right turn is over", fontsize=11, pad=16)
-    legend_below(figure, panel, 2, title="longest step without failures; processor time of a fish per time unit")
+    panel.set_title("Published fish: left turn begun before the right turn is over", pad=20)
+    legend_below(figure, 2, title="longest step without failures; processor time of a fish per time unit")
     save(figure, IMAGES / "claim.svg")
 
 

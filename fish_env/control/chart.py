@@ -51,6 +51,11 @@ STYLE = {  # colour of Okabe & Ito, and marker
     "rosenbrock": ("#CC79A7", "D"),
     "leapfrog_chebyshev": ("#000000", "*"),
 }
+WORDS = {
+    "symplectic_euler": "symplectic Euler", "rk4": "Runge-Kutta 4", "semi_implicit": "Tu's semi-implicit",
+    "rosenbrock": "Rosenbrock", "leapfrog_chebyshev": "leapfrog-Chebyshev",
+}  # fmt: skip
+"""Names of methods as they are read; of others, as they are typed."""
 
 
 class NotConvergedError(RuntimeError):
@@ -317,7 +322,7 @@ def draw_errors(panel, rows: Sequence[dict]) -> None:
         panel.plot(cost, ninety, color=colour, linestyle="", marker="_")
         for part, fill, label in (full, "full", name), ([row for row in line if row["failed"]], "none", None):
             panel.plot(*columns(part, "us_per_interval", "geometric_mean"), color=colour, marker=marker,
-                       linestyle="", fillstyle=fill, label=label)  # fmt: skip
+                       linestyle="", fillstyle=fill, label=WORDS.get(label, label))  # fmt: skip
     low, high = panel.get_xlim()
     ticks = [tick for k in range(7) for tick in (10**k, 2 * 10**k, 5 * 10**k) if low < tick < high]
     panel.set_xticks(ticks, map(str, ticks))
