@@ -8,7 +8,7 @@ how much it still changes. Bodies are timed in turn, in processor time, many fis
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.common.charts import panels, save
+from benchmarks.common.charts import BLUE, GREEN, ORANGE, PINK, legend_below, panels, save, words
 from benchmarks.common.motion import errors, play, record
 from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import IMAGES, publish, read_table, select
@@ -22,7 +22,10 @@ BODIES = (
 FINEST = ("tetrahedral", 3)
 SEEDS, FIRST_SEED = 3, 5_000
 BATCH, REPEATS = 64, 9  # fish timed together, and timings whose median is taken
-COLOURS = {"planar": "tab:green", "mass_spring": "tab:blue", "two_layer": "tab:orange", "tetrahedral": "tab:red"}
+COLOURS = {
+    ("planar", ""): (GREEN, "v"), ("mass_spring", ""): (BLUE, "o"), ("two_layer", ""): (ORANGE, "^"),
+    ("tetrahedral", 1): (PINK, "s"), ("tetrahedral", 2): ("black", "D"),
+}  # fmt: skip
 
 
 def every_fish() -> dict[tuple, Fish]:
@@ -67,19 +70,19 @@ def run() -> list[dict]:
 def draw() -> None:
     """Distance over cost, a panel a task."""
     rows = [row for row in read_table("fidelity.csv", quantity="all") if 0.0 < row["error"] < np.inf]
-    figure, axes = panels(3, (12, 7), 2, sharex=True, sharey=True)
+    figure, axes = panels(3, 7.0, 2, sharex=True, sharey=True)
     for panel, task in zip(axes, dict.fromkeys(row["task"] for row in rows), strict=False):
         for row in select(rows, task=task):
             x, y, low, high = 1e3 * row["cost_s_per_s"], *(100 * row[name] for name in ("error", "low", "high"))
-            panel.errorbar(x, y, [[y - low], [high - y]], fmt="o", color=COLOURS[row["body"]], capsize=3)
-            label = f"{row['body']} {row['level']}".strip()
-            place = {"planar": (-14, -17), "two_layer": (4, 8), "tetrahedral 2": (-20, -15)}.get(label, (6, 4))
-            panel.annotate(label, (x, y), xytext=place, textcoords="offset points", fontsize=8)
-        panel.set(xscale="log", yscale="log", xlim=(0.03, 5000), ylim=(0.3, 100), title=task.replace("_", " "))
+            name, level = row["body"], row["level"]
+            colour, marker = COLOURS[name, level]
+            label = f"{name.replace('_', '-')}{f', level {level}' if level else ''}"
+            panel.errorbar(x, y, [[y - low], [high - y]], fmt=marker, color=colour, capsize=3, label=label)
+        panel.set(xscale="log", yscale="log", xlim=(0.03, 5000), ylim=(0.3, 100), title=words(task))
         panel.set_yticks(ticks := [0.5, 1, 2, 5, 10, 20, 50, 100], [f"{tick:g}" for tick in ticks])
         panel.set_yticks([], minor=True)
-    axes[-1].axis("off")
-    figure.supxlabel("cost, ms a simulated second")
+    axes[-2].set_xlabel("processor time of a fish, ms per simulated second")
+    legend_below(figure, 5)
     figure.supylabel("distance to the finest body, %")
     save(figure, IMAGES / "fidelity.svg")
 

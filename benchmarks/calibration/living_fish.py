@@ -16,7 +16,7 @@ from benchmarks.calibration.fit_search import inaccuracy
 from benchmarks.calibration.midline import Midline, swim_gait, swim_midlines
 from benchmarks.calibration.performance import ENVELOPE, STATION, TROUT, bear, beyond
 from benchmarks.common import scenes
-from benchmarks.common.charts import pyplot, save
+from benchmarks.common.charts import legend_below, panels, save, words
 from benchmarks.common.tables import RESULTS, ROOT, filled, markdown, publish, read_table, select
 from fish_env import Fish, make_fish
 from fish_env.bodies import BODIES as KINDS
@@ -158,20 +158,20 @@ def draw() -> None:
     rows = read_table("living_fish.csv")
     tables = {"living": table(rows), "strength": strength_table(read_table("strength.csv"))}
     write_text(PAGE, filled(PAGE.read_text("utf-8"), tables))
-    figure, axes = pyplot().subplots(1, 3, figsize=(11, 3.4), sharey=True, layout="constrained")
+    figure, axes = panels(3, 4.2, sharey=True)
     looks = {("tetrahedral", 3): "s-", ("mass_spring", ""): "o--", ("planar", ""): "v:", ("two_layer", ""): "^-."}
     for k, (panel, real) in enumerate(zip(axes, TROUT, strict=True)):
         wanted = 0.5 * real.sweep * ENVELOPE
-        panel.fill_between(STATION, beyond(wanted - 0.02, 0.0), wanted + 0.02, color="0.9", label="living fish, ± 0.02")
-        panel.plot(STATION, wanted, color="0.3")
+        panel.fill_between(STATION, beyond(wanted - 0.02, 0.0), wanted + 0.02, color="0.9", label="± 0.02 BL")
+        panel.plot(STATION, wanted, color="0.3", label="living fish")
         for (name, level), look in looks.items():
             found = select(rows, water=SHOWN, body=name, level=level)
             for row in found[k : k + 1]:  # none of a body that is not calibrated for this water
                 sway = [row[f"amplitude_{i}"] for i in range(7)]
-                panel.plot(STATION, sway, look, ms=4, label=f"{name} {level}".strip())
+                panel.plot(STATION, sway, look, label=words(name))
         panel.set(title=f"{real.speed:g} BL/s, {real.frequency:g} Hz", xlabel="from the nose, BL")
     axes[0].set(ylabel="half the sway, BL", ylim=(0, None))
-    axes[0].legend(frameon=False, fontsize=8)
+    legend_below(figure, 6)
     save(figure, RESULTS / "living_fish.svg")
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.common.charts import pyplot, save
+from benchmarks.common.charts import METHOD_STYLE, legend_below, panels, save, words
 from benchmarks.common.statistics import rounded
 from benchmarks.common.tables import RESULTS, read_table, select, write_csv
 from fish_env import INTEGRATORS
@@ -25,6 +25,12 @@ MANY = 1000  # for the default method: its difference is smaller than the standa
 COMMAND, TABLE = "python train.py compare --integrators", "integrators_policies.csv"
 WIDTHS = (18, 32, 10, 7, 8, 9, 15, 16, 9, 16, 17, 8)  # of the columns of the table that is printed
 TICKS = (0.01, 0.1, 1.0, 10.0)  # ms, of the chart
+NOT_DRAWN = (
+    "midpoint",
+    "symplectic_euler",
+    "linearly_implicit_projected",
+    "linearly_implicit_water",
+)  # only in the CSV
 FINER = 8  # the reference takes this part of the fish's own step
 
 
@@ -124,23 +130,19 @@ def draw() -> None:
     """Change of the return against the step, a panel for each task, a colour for each method."""
     rows = read_table(TABLE, episodes=EPISODES)
     tasks, names = (list(dict.fromkeys(row[key] for row in rows)) for key in ("task", "integrator"))
-    figure, grid = pyplot().subplots(2, -(-len(tasks) // 2), figsize=(10, 6), layout="constrained", squeeze=False)
-    colours = dict(zip(names, pyplot().color_sequences["tab10"], strict=False))
-    for axes, task in zip(grid.flat, tasks, strict=False):
-        for name in names:
+    figure, grid = panels(3, 6.6, 2, sharex=True, sharey=True)
+    for axes, task in zip(grid, (task for task in tasks if task != "left_after_right"), strict=True):
+        for name in (name for name in names if name not in NOT_DRAWN):
             points = [(row["dt_ms"], max(abs(row["return_change"]), 1e-4))
                       for row in select(rows, task=task, integrator=name) if row["return_change"] != 0]  # fmt: skip
             if points:
-                axes.loglog(*np.array(sorted(points)).T, "o-", color=colours[name], ms=4, lw=1, label=name)
+                colour, marker = METHOD_STYLE[name]
+                axes.loglog(*np.array(sorted(points)).T, color=colour, marker=marker, label=words(name))
         axes.axhline(0.02, color="black", lw=0.8, ls=":")
-        axes.set(title=task.replace("_", " "), xlabel="step, ms", ylabel="change of the return", ylim=(5e-5, 1))
+        axes.set(title=words(task), ylim=(5e-5, 1))
         axes.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
         axes.set_xticks([], minor=True)
-    for axes in list(grid.flat)[len(tasks) :]:
-        axes.set_axis_off()
-    found = {}
-    for axes in grid.flat:
-        handles, labels = axes.get_legend_handles_labels()
-        found |= dict(zip(labels, handles, strict=True))
-    figure.legend(found.values(), found, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+    grid[-2].set_xlabel("step, ms")
+    figure.supylabel("change of the return, relative (dotted: 0.02)")
+    legend_below(figure, 3)
     save(figure, RESULTS / "integrators_policies.svg")

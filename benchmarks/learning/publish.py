@@ -261,9 +261,9 @@ def curve_rows(run: Path) -> list[dict]:
 
 
 def draw_curves(path: Path) -> None:
-    """Score against environment steps, but for Target3D: a thin line a seed, their interquartile mean bold."""
+    """Score against environment steps of six tasks: a thin line for each seed, their interquartile mean bold."""
     figure, grid = panels(3, 6.0, 2)
-    for axes, task in zip(grid, (task for task in CONFIGS if task != "target_3d"), strict=True):
+    for axes, task in zip(grid, (task for task in CONFIGS if task != "left_after_right"), strict=True):
         rows = select(read_stored(CURVES), task=task)
         of_seeds = [select(rows, seed=seed) for seed in dict.fromkeys(row["seed"] for row in rows)]
         lines = [np.array(columns(of_seed, "timesteps", "score"), float) / [[1e6], [1.0]] for of_seed in of_seeds]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import solve_bvp
 
 from benchmarks.common import beam
-from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
+from benchmarks.common.charts import BLUE, GREY, ORANGE, own_legend, panels, save
 from benchmarks.common.tables import IMAGES, columns, read_table
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.records import Body
@@ -117,7 +117,7 @@ def strains() -> list[dict]:
 def draw() -> None:
     """Draw the errors under refinement and the three cases of the measures of strain."""
     rows = read_table("elements_beam.csv")
-    figure, (refinement, *axes) = panels(4, (16.0, 3.9))
+    figure, (refinement, *axes) = panels(2, 8.4, 2)
     cells, deflection, frequency = map(np.array, columns(rows, "cells", "deflection", "frequency"))
     for label, colour, errors in (
         ("deflection, from Timoshenko's", BLUE, 1.0 + beam.SHEAR - deflection),
@@ -131,10 +131,12 @@ def draw() -> None:
     for strain, (colour, style) in STYLES.items():
         for panel, case in zip(axes, CASES, strict=True):
             line = columns(read_table("elements_strains.csv", case=case, strain=strain), "at", "value")
-            panel.plot(*line, style, color=colour, markersize=4, fillstyle="none", label=strain)
-    axes[0].set(xlabel="rotation of a block, degrees", ylabel="energy, over E V", xticks=range(0, 181, 45))
-    axes[1].set(xlabel="length of a bar, over that at rest", ylabel="force, over E A")
-    axes[2].set(xlabel="end load on the beam, EI/L$^2$", ylabel="tip from the elastica's, lengths", yscale="log")
-    for panel in (refinement, axes[0]):
-        panel.legend(frameon=False, fontsize=8)
+            panel.plot(
+                *line, style, color=colour, fillstyle="none", label=strain.replace("green_lagrange", "Green-Lagrange")
+            )
+    axes[0].set(xlabel="rotation of a block, degrees", ylabel="energy, over E·V", xticks=range(0, 181, 45))
+    axes[1].set(xlabel="length of a bar, over that at rest", ylabel="force, over E·A")
+    axes[2].set(xlabel="end load on the beam, EI/L²", ylabel="distance of the tip from theory, L", yscale="log")
+    own_legend(refinement)
+    own_legend(axes[0])
     save(figure, IMAGES / "elements.svg")

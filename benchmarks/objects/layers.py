@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.common.charts import BLUE, ORANGE, panels, save
+from benchmarks.common.charts import BLUE, ORANGE, own_legend, panels, save
 from benchmarks.common.tables import RESULTS, columns, read_table
 from fish_env import Tank
 from fish_env.soft.elements import make_compartments
@@ -73,7 +73,7 @@ def measure() -> list[dict]:
 
 def draw() -> None:
     """Draw what is kept over the pressure, rings without gas on a floor, and both layers' velocities in an impact."""
-    figure, (left, middle, right) = panels(3, (13.0, 3.9))
+    figure, (left, middle, right) = panels(3, 5.4, width_ratios=(1.4, 1.1, 1.0))
     for kind, marker in zip(STANDARD, "osv", strict=True):
         for layers, colour in ((1, ORANGE), (2, BLUE)):
             line = columns(
@@ -81,12 +81,12 @@ def draw() -> None:
                 "pressure_over_standard",
                 "kept",
             )
-            label = f"{kind}, {'one layer' if layers == 1 else 'two'}"
+            label = f"{kind}, {'one layer' if layers == 1 else 'two layers'}"
             left.plot(*line, color=colour, marker=marker, label=label)
     left.set_xscale("symlog", base=2, linthresh=0.0625)
     left.set_xticks(PRESSURES, ["0", "1/16", "1/8", "1/4", "1/2", "1"])
-    left.set(xlabel="gas pressure over the standard one", ylabel="area or volume over that of the unloaded object")
-    left.legend(frameon=False, fontsize=8)
+    left.set(xlabel="gas pressure over the standard one", title="kept area or volume, over that at rest")
+    own_legend(left)
     for layers, colour in ((1, ORANGE), (2, BLUE)):
         thing = pressed("ring", layers, 0.0)
         x = lie_on_floor(thing).position[0]
@@ -95,12 +95,12 @@ def draw() -> None:
             name = ("one layer", "two layers")[layers - 1] if layer is thing.outer else None
             middle.plot(*x[loop, :2].T, color=colour, marker=".", label=name, zorder=4 - layers)
     middle.set(title="rings without gas on the floor", aspect="equal", xlabel="m", ylabel="m")
-    middle.legend(frameon=False, fontsize=8)
+    own_legend(middle)
     for factor, line in ((1.0, ":"), (HEAVY, "-")):
         time, outer, inner = impact("ring", factor * RING.inner_mass).T
         for velocity, colour, label in ((outer, BLUE, "outer"), (inner, ORANGE, "inner")):
             right.plot(1e3 * time[:240], velocity[:240], color=colour, linestyle=line,
-                       label=f"{label} layer, inner one {factor * RING.inner_mass:g} kg")  # fmt: skip
-    right.set(title="a ring flies into a wall", xlabel="ms", ylabel="mean velocity towards the wall, m/s")
-    right.legend(frameon=False, fontsize=8)
+                       label=f"{label} layer; inner: {factor * RING.inner_mass:g} kg")  # fmt: skip
+    right.set(title="a ring flies into a wall", xlabel="time, ms", ylabel="mean velocity, m/s")
+    own_legend(right)
     save(figure, RESULTS / "objects_layers.svg")

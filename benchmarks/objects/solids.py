@@ -7,7 +7,7 @@ Costs are medians of ratios, of steps that are timed in turn.
 
 import numpy as np
 
-from benchmarks.common.charts import METHOD_STYLE, panels, save
+from benchmarks.common.charts import METHOD_STYLE, legend_below, panels, save, words
 from benchmarks.common.tables import RESULTS, publish, read_table
 from benchmarks.common.timing import interleaved
 from benchmarks.objects import finite_elements, methods
@@ -96,20 +96,20 @@ def error_and_cost(row: dict) -> tuple[np.ndarray, np.ndarray]:
 
 def draw() -> None:
     """Draw error over cost, linear and corotational, and the largest step of each start; the chart of the elements."""
-    figure, axes = panels(3, (14.0, 4.2))
+    figure, axes = panels(3, 5.0)
     for panel, strain in zip(axes, ("linear", "corotational"), strict=False):
         for row in read_table("solids_methods.csv", strain=strain):
             colour, marker = METHOD_STYLE[row["method"]]
-            panel.loglog(*error_and_cost(row)[::-1], color=colour, marker=marker, markersize=4, linewidth=1.2,
-                         label=row["method"])  # fmt: skip
-        panel.set(title=f"beam, {strain} strain", xlabel="cost of 0.2 s, in steps of explicit Euler",
+            panel.loglog(*error_and_cost(row)[::-1], color=colour, marker=marker, label=words(row["method"]))
+        panel.set(title=f"beam, {strain} strain", xlabel="cost of 0.2 s,\nin steps of explicit Euler",
                   ylabel="error, beam's lengths", ylim=(1e-10, 1.0))  # fmt: skip
-    axes[0].legend(frameon=False, fontsize=8)
     for row in read_table("solids_methods.csv", strain="corotational"):
         colour, marker = METHOD_STYLE[row["method"]]
-        axes[2].semilogy(STARTS, [row[f"{how}_ms"] for how in STARTS], color=colour, marker=marker, markersize=6,
+        axes[2].semilogy(STARTS, [row[f"{how}_ms"] for how in STARTS], color=colour, marker=marker,
                          linewidth=0.8)  # fmt: skip
-    axes[2].set(title="beam, corotational: largest step that lasts", ylabel="step, ms")
+    axes[2].set(title="beam, corotational strain", xlabel="state at the start",
+                ylabel="largest step without a gain of energy, ms")  # fmt: skip
+    legend_below(figure, 4)
     save(figure, RESULTS / "solids_methods.svg")
     finite_elements.draw()
 

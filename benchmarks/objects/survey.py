@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.common.charts import METHOD_STYLE, panels, save
+from benchmarks.common.charts import METHOD_STYLE, legend_below, panels, save, words
 from benchmarks.common.tables import RESULTS, publish, read_table
 from benchmarks.objects import layers, texts
 from benchmarks.objects.methods import errors, largest_stable, largest_surviving, line_of, reference
@@ -82,18 +82,16 @@ def methods() -> list[dict]:
 
 def draw() -> None:
     """Draw the error over the step on each object, and the chart of the layers."""
-    figure, axes = panels(len(SONG), (14.0, 3.9))
+    figure, axes = panels(len(SONG), 4.4, sharey=True)
     for row in read_table("objects_methods.csv"):
         panel, (colour, marker) = axes[list(SONG).index(row["object"])], METHOD_STYLE[row["method"]]
-        panel.loglog(
-            *line_of(row, "error"), color=colour, marker=marker, markersize=4, linewidth=1.2, label=row["method"]
-        )
+        panel.loglog(*line_of(row, "error"), color=colour, marker=marker, label=words(row["method"]))
         if row["stable_ms"] < 99:
             panel.axvline(row["stable_ms"], color=colour, linewidth=0.8, linestyle=":")
     for panel, kind in zip(axes, SONG, strict=True):
         panel.set(title=kind, xlabel="step, ms", ylim=(1e-11, 1.0))
     axes[0].set_ylabel("error, object's lengths")
-    axes[-1].legend(frameon=False, fontsize=8)
+    legend_below(figure, 4, title="dotted: largest stable step")
     save(figure, RESULTS / "objects_methods.svg")
     layers.draw()
     texts.draw()

@@ -6,7 +6,7 @@ from contextlib import contextmanager, nullcontext
 import numpy as np
 from matplotlib.colors import to_rgb
 
-from benchmarks.common.charts import BLUE, GREY, METHOD_STYLE, ORANGE, panels, save
+from benchmarks.common.charts import BLUE, GREY, METHOD_STYLE, ORANGE, own_legend, panels, save, words
 from benchmarks.common.tables import RESULTS, columns, read_table
 from fish_env import Tank
 from fish_env.physics import forces
@@ -88,36 +88,37 @@ def lying(pressure: float):
 
 def draw() -> None:
     """Draw six panels: order and time, costs, springs, gas, and the matrix with its inverse."""
-    figure, (entries, taken, cost, springs, gas, matrix) = panels(3, (13.0, 8.0), rows=2)
+    figure, (entries, taken, cost, springs, gas, matrix) = panels(3, 9.6, rows=2)
     for kind, marker in zip(MESHES, "osv", strict=True):
         for order, colour in (("own", ORANGE), ("chosen", BLUE)):
-            label = f"{kind}, {'in the order of its nodes' if order == 'own' else 'reordered'}"
+            label = f"{kind}, {'own order' if order == 'own' else 'reordered'}"
             for panel, what in ((entries, "entries"), (taken, "us")):
                 line = columns(read_table("objects_skyline.csv", object=kind), "nodes", f"{order}_{what}")
                 panel.loglog(*line, color=colour, marker=marker, label=label)
-    entries.set(xlabel="nodes", ylabel="stored entries of the matrix", ylim=(50.0, 2e7))
-    entries.legend(frameon=False, fontsize=8)
-    taken.set(xlabel="nodes", ylabel="time of a semi-implicit step, us")
+    entries.set(xlabel="nodes", ylabel="stored entries of the matrix")
+    own_legend(entries)
+    taken.set(xlabel="nodes", ylabel="time of a semi-implicit step, µs")
+    own_legend(taken)
     rows = read_table("objects_costs.csv")
     for k, name in enumerate(COSTS):
         at = np.arange(len(rows)) + 0.25 * (k - 1)
-        cost.bar(at, [row[name] for row in rows], 0.22, color=METHOD_STYLE[name][0], label=name)
-    cost.set_xticks(range(len(rows)), [row["object"] for row in rows])
-    cost.set(ylabel="time of a step over that of explicit Euler", ylim=(0.0, 5.5))
-    cost.legend(frameon=False, fontsize=8, ncols=3)
+        cost.bar(at, [row[name] for row in rows], 0.22, color=METHOD_STYLE[name][0], label=words(name))
+    cost.set_xticks(range(len(rows)), [row["object"].replace(" ", "\n") for row in rows])
+    cost.set(ylabel="time of a step, over explicit Euler's")
+    own_legend(cost)
     thing = make_ring()
     for kind, which in thing.kinds.items():
         for k, ends in enumerate(thing.body.position[thing.body.springs.nodes[which]]):
             springs.plot(*ends[:, :2].T, color=SPRINGS[kind], label=kind if k == 0 else None)
-    springs.set(title="springs of a ring", aspect="equal", xlabel="m", ylabel="m", xlim=(-0.11, 0.24))
-    springs.legend(frameon=False, fontsize=8, loc="right")
+    springs.set(title="springs of a ring", aspect="equal", xlabel="m", ylabel="m")
+    own_legend(springs, 2)
     for pressure, colour in ((0.0, ORANGE), (1.0, BLUE)):
         thing, x = lying(pressure)
         for layer in (thing.outer, thing.inner):
             loop, label = np.append(layer, layer[:1]), "with gas" if pressure else "without gas"
             gas.plot(*x[loop, :2].T, color=colour, marker=".", label=label if layer is thing.outer else None)
-    gas.set(title="rings that fell 0.2 m, on the floor", aspect="equal", xlabel="m", ylabel="m", ylim=(-0.31, -0.02))
-    gas.legend(frameon=False, fontsize=8)
+    gas.set(title="rings on the floor, after a fall", aspect="equal", xlabel="m", ylabel="m")
+    own_legend(gas)
     system = implicit_matrix(make_beam(), 1 / 60)
     inverse = np.linalg.inv(system)
     filled = [np.abs(each) > 1e-9 * np.abs(each).max() for each in (system, inverse)]
@@ -125,5 +126,5 @@ def draw() -> None:
     matrix.imshow(colours[np.where(filled[0], 2, filled[1])], interpolation="none")
     matrix.grid(False)
     share = [100 * each.mean() for each in filled]
-    matrix.set_title(f"S of a beam: {share[0]:.0f} % not zero; its inverse (grey): {share[1]:.0f} %", fontsize=10)
+    matrix.set_title(f"S of a beam: {share[0]:.0f} % not zero;\nits inverse (grey): {share[1]:.0f} %")
     save(figure, RESULTS / "objects_texts.svg")

@@ -11,7 +11,7 @@ from functools import partial
 from tqdm import tqdm
 
 from benchmarks.common.beam import LENGTH, cantilever, loose
-from benchmarks.common.charts import BLUE, ORANGE, panels, save
+from benchmarks.common.charts import BLUE, ORANGE, own_legend, panels, save
 from benchmarks.common.tables import IMAGES, columns, publish, read_table
 from benchmarks.common.timing import Glide, Swim, costs, swimming
 from fish_env import Tank, make_fish
@@ -73,14 +73,16 @@ def by_nodes() -> list[dict]:
 
 def draw() -> None:
     """Left: a control interval of one fish against how many there are. Right: a step of one body against its nodes."""
-    figure, (left, right) = panels(2)
+    figure, (left, right) = panels(2, 4.4)
     for panel, key, names in ((left, "fish", ("float64", "float32")), (right, "nodes", ("fish", "bar"))):
         for name, colour in zip(names, (BLUE, ORANGE), strict=True):
             mine = columns(read_table("scaling.csv", what=name), key, "us")
             panel.loglog(*mine, "o-", color=colour, label=LABELS[name])
-        panel.legend(frameon=False)
-    left.set(xlabel="fish on one thread", ylabel="a control interval of one fish, us", ylim=(1, None))
-    right.set(xlabel="nodes", ylabel="a step of one body, us")
+        panel.margins(0.05)
+    left.set(xlabel="fish on one thread", ylabel="time of a control interval of one fish, µs", ylim=(1, None))
+    right.set(xlabel="nodes", ylabel="time of a step of one body, µs")
+    own_legend(left)
+    own_legend(right)
     save(figure, IMAGES / "scaling.svg")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common import problems
-from benchmarks.common.charts import METHOD_STYLE, panels, save
+from benchmarks.common.charts import METHOD_STYLE, own_legend, panels, save, words
 from benchmarks.common.measures import stretch_and_energy
 from benchmarks.common.problems import FIXED
 from benchmarks.common.tables import RESULTS, publish, read_table
@@ -137,27 +137,27 @@ def draw() -> None:
     fish = make_fish()
     implicit = [name for name in FIXED if INTEGRATORS[name].factorisations and name != "semi_implicit"]
     shared = [name for name in FIXED if name not in implicit]
-    figure, axes = panels(2, (12.5, 6), sharey=True)
+    figure, axes = panels(2, 7.4, sharey=True)
     top = 1e3 * INTERVALS_PER_STEP[0] * fish.control_interval
     for panel, names, title in zip(axes, (shared, implicit), ("explicit, stabilised and Tu's", "linearly implicit"),
                                    strict=True):  # fmt: skip
         for name in names:
             line = read_table("stability_limits.csv", body=fish.name, integrator=name)
-            colour, marker = METHOD_STYLE.get(name, ("#444444", "P"))
+            colour, marker = METHOD_STYLE[name]
             factor = [row["stiffness"] for row in line]
             hollow = name in ("semi_implicit", "linearly_implicit_water")  # so that what lies beneath is seen
             panel.loglog(factor, [1e3 * row["largest_stable_s"] for row in line], color=colour, marker=marker,
                          markersize=9 if hollow or marker == "*" else 5, fillstyle="none" if hollow else "full",
-                         linewidth=1.4, label=name)  # fmt: skip
+                         linewidth=1.4, label=words(name))  # fmt: skip
             theory = [min(1e3 * row["linear_theory_s"], 1.25 * top) for row in line]
             panel.plot(factor, theory, color=colour, linestyle=(0, (4, 3)), linewidth=1.0)
         for value in (fish.control_interval, fish.time_step):
             panel.axhline(1e3 * value, color="#888888", linewidth=0.8, linestyle=":", zorder=0)
         panel.plot([], [], color="#444444", linestyle=(0, (4, 3)), linewidth=1.0, label="linear theory (top: none)")
-        panel.set(title=title, xlabel="stiffness over the default fish's (same damping)", xlim=(0.85, 1.2e4))
-        panel.legend(frameon=False, loc="lower left", fontsize=8.5)
-    axes[0].text(1.1e4, 1e3 * fish.control_interval * 0.93, "control interval", fontsize=8, ha="right", va="top")
-    axes[0].text(1.1e4, 1e3 * fish.time_step * 1.07, "default step", fontsize=8, ha="right", va="bottom")
+        panel.set(title=title, xlabel="stiffness over that of the default fish", xlim=(0.85, 1.2e4))
+        own_legend(panel)
+    axes[0].text(1.1e4, 1e3 * fish.control_interval * 0.93, "control interval", ha="right", va="top")
+    axes[0].text(1.1e4, 1e3 * fish.time_step * 1.07, "default step", ha="right", va="bottom")
     axes[0].set_ylabel("largest stable step, ms")
     save(figure, RESULTS / "stability.svg")
 

@@ -6,7 +6,7 @@ Cruz & Ellerby, abstract P1-45 of a meeting of the Society for Integrative and C
 
 import numpy as np
 
-from benchmarks.common.charts import GREY, panels, save
+from benchmarks.common.charts import GREY, legend_below, panels, save
 from benchmarks.common.tables import RESULTS, columns, publish, read_table
 from benchmarks.validation.waters import waters
 from fish_env import Fish, make_fish, prescribe
@@ -43,7 +43,7 @@ def measure() -> list[dict]:
 
 def draw() -> None:
     """The coefficient against the Reynolds number."""
-    figure, axes = panels(2, (10.0, 3.6), sharey=True)
+    figure, axes = panels(2, 4.2, sharey=True)
     for panel, name in zip(axes, BODIES, strict=True):
         for level in ("drag", "drag, friction"):
             own = read_table("validation/coasting.csv", fish=name, water=level)
@@ -52,7 +52,7 @@ def draw() -> None:
         panel.errorbar([AT], [COEFFICIENT], [SPREAD], fmt="kD", capsize=4, label="bluegill, coasting")
         panel.set(title=name, xscale="log", xlabel="Reynolds number", ylim=(0, 0.03))
     axes[0].set_ylabel("drag coefficient, wetted surface")
-    axes[0].legend(frameon=False, fontsize=8)
+    legend_below(figure, 4)
     save(figure, RESULTS / "validation" / "coasting.svg")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import fminbound
 
-from benchmarks.common.charts import GREY, panels, save
+from benchmarks.common.charts import GREY, legend_below, panels, save
 from benchmarks.common.tables import RESULTS, columns, publish, read_table, select
 from benchmarks.validation.waters import COLOURS, waters
 from fish_env import Fish, World, make_fish, prescribe
@@ -119,19 +119,18 @@ def measure() -> list[dict]:
 def draw() -> None:
     """Speed against frequency."""
     rows = read_table("validation/robot.csv")
-    figure, (left, right) = panels(2, (10.0, 3.8))
+    figure, (left, right) = panels(2, 4.2)
     left.plot(FREQUENCY, SPEED, "x", color=GREY, ms=9, mew=2, label="robot")
     levels = list(dict.fromkeys(row["water"] for row in rows))
     for level in levels:
         (speeds,) = columns(select(rows, water=level), "speed_m_s")
         left.plot(FREQUENCY, speeds, "o-", ms=4, color=COLOURS[level], label=level)
     left.set(xlabel="strokes a second", ylabel="speed, m/s", ylim=(0, None))
-    left.legend(frameon=False, fontsize=8)
     errors = [np.abs(columns(select(rows, water=level, fitted=0), "off_m_s")).mean() for level in levels]
     labels = [*(level.replace(", ", ",\n") for level in levels), "fishsim", "elongated\nbody"]
     right.bar(labels, [*errors, THEIRS, ELONGATED], color=[*(COLOURS[level] for level in levels), GREY, GREY])
     right.set(ylabel="mean error, m/s")
-    right.tick_params(axis="x", labelsize=8)
+    legend_below(figure, 5)
     save(figure, RESULTS / "validation" / "robot.svg")
 
 

@@ -8,7 +8,7 @@ is beside the most that fast muscle of cod of 0.1 to 0.6 m gives in cycles, a ki
 
 import numpy as np
 
-from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
+from benchmarks.common.charts import BLUE, GREY, ORANGE, own_legend, panels, save
 from benchmarks.common.tables import RESULTS, columns, publish, read_table
 from fish_env import Fish, Tank, make_fish
 from fish_env.bodies.fitted import level_of
@@ -89,7 +89,7 @@ def measure() -> list[dict]:
 
 def draw() -> None:
     """Draw frequency, speed and power against length from the table."""
-    figure, (left, middle, right) = panels(3, (11.0, 3.6))
+    figure, (left, middle, right) = panels(3, 5.2)
     for name, colour in zip(FISH, (BLUE, ORANGE), strict=True):
         own = read_table("validation/sizes.csv", fish=name)
         for panel, key in ((left, "frequency_hz"), (middle, "speed"), (right, "power_w_kg")):
@@ -102,7 +102,7 @@ def draw() -> None:
     for panel, text in ((left, "tail beats, Hz"), (middle, "speed, BL/s"), (right, "net power of muscles, W/kg")):
         panel.minorticks_off()
         panel.set(xlabel="length, m", ylabel=text, xticks=LENGTHS, xticklabels=LENGTHS)
-        panel.legend(frameon=False, fontsize=8)
+        own_legend(panel)
     save(figure, RESULTS / "validation" / "sizes.svg")
 
 

@@ -7,7 +7,7 @@ dashpot, or is held in its place. There is no water. Bodies have a trout's outli
 
 import numpy as np
 
-from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
+from benchmarks.common.charts import BLUE, GREY, ORANGE, legend_below, panels, save
 from benchmarks.common.scenes import contract
 from benchmarks.common.tables import RESULTS, columns, publish, read_table
 from fish_env import make_fish
@@ -35,7 +35,7 @@ def measure() -> list[dict]:
 
 def draw() -> None:
     """Speed and power against force."""
-    figure, axes = panels(2, (10.0, 3.6))
+    figure, axes = panels(2, 4.2)
     for name, colour in zip(BODIES, (BLUE, ORANGE), strict=True):
         own = [row for row in read_table("validation/strength.csv", body=name) if row["power_w"] > 0.0]
         for panel, key in zip(axes, ("speed_m_s", "power_w"), strict=True):
@@ -44,7 +44,7 @@ def draw() -> None:
         panel.axvline(MEASURED["force_n"], color=GREY, lw=1)
         panel.axhline(MEASURED[key], color=GREY, lw=1, label="most of a trout")
         panel.set(xlabel="force at the base of the tail fin, N", ylabel=label, xscale="log", yscale="log")
-    axes[0].legend(frameon=False, fontsize=8)
+    legend_below(figure, 3)
     save(figure, RESULTS / "validation" / "strength.svg")
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.common.charts import GREY, panels, save
+from benchmarks.common.charts import GREY, legend_below, panels, save
 from benchmarks.common.tables import RESULTS, publish, read_table
 from benchmarks.validation.waters import PLACES, along, by_curvature, off, waters
 from fish_env import make_fish, prescribe
@@ -90,13 +90,13 @@ def measure() -> list[dict]:
 
 def draw() -> None:
     """Half the swing of the torque along both bodies, of every level of water and published."""
-    figure, axes = panels(2, (10.0, 3.8))
+    figure, axes = panels(2, 4.2)
     for panel, (name, given) in zip(axes, SWIMMERS.items(), strict=True):
         panel.plot(PLACES, given.torque, color=GREY, lw=3, label="Ming et al. 2019")
         along(panel, read_table("validation/torque.csv", animal=name), "torque")
         panel.set(title=name, xlabel="from the nose, BL", ylim=(0, None))
     axes[0].set_ylabel(r"half the torque's swing, 1e-4 $\rho L^5/T^2$")
-    axes[0].legend(frameon=False, fontsize=8)
+    legend_below(figure, 5)
     save(figure, RESULTS / "validation" / "torque.svg")
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.common.charts import BLUE, GREY, ORANGE, panels, save
+from benchmarks.common.charts import BLUE, GREY, ORANGE, legend_below, panels, save
 from benchmarks.common.tables import RESULTS, read_table
 from fish_env import Fish, World, prescribe
 from fish_env.physics.world import change_water
@@ -62,14 +62,14 @@ def swims(fish: Fish, viscosity: float, midline: Callable, period: float, unit: 
 def draw_swims(name: str, unit: str, sweep=None) -> None:
     """Draw sweep along the body and speed, of every level of water, and the measured sweep, body lengths."""
     rows = read_table(f"validation/{name}.csv")
-    figure, (left, right) = panels(2, (10.0, 3.8))
+    figure, (left, right) = panels(2, 4.2)
     if sweep is not None:
         left.plot(PLACES, sweep, color=GREY, lw=3, label=name)
     along(left, rows, "sweep")
     left.set(xlabel="from the nose, BL", ylabel="sweep, BL", ylim=(0, None))
-    left.legend(frameon=False, fontsize=8)
     label = {"s": "speed, BL/s (band: 10 %)", "beat": "speed, BL a beat (band: 10 %)"}[unit]
     bars(right, rows, f"speed_bl_{unit}", rows[0]["published"], label)
+    legend_below(figure, 6)
     save(figure, RESULTS / "validation" / f"{name}.svg")
 
 
@@ -87,7 +87,6 @@ def bars(panel, rows: list[dict], key: str, published: float, label: str, tolera
     panel.bar([row["water"].replace(", ", ",\n") for row in rows], [row[key] for row in rows],
               color=[COLOURS[row["water"]] for row in rows])  # fmt: skip
     panel.set(ylabel=label)
-    panel.tick_params(axis="x", labelsize=8)
 
 
 def off(value: float, published: float) -> float:

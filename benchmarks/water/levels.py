@@ -13,7 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common import scenes
-from benchmarks.common.charts import BLUE, GREY, ORANGE, legend_below, pyplot, save
+from benchmarks.common.charts import BLUE, GREY, ORANGE, legend_below, panels, save
 from benchmarks.common.tables import RESULTS, ROOT, filled, markdown, publish, read_table, select
 from fish_env import Fish, make_fish
 from fish_env.bodies.fitted import WATERS
@@ -207,14 +207,12 @@ TABLES: dict[str, tuple[str, Callable[[list[dict]], str]]] = {
 
 
 PANELS = (  # of the chart: scene, quantity, title
-    ("cruise at 1 BL/s", "Strouhal", "cruising at 1 BL/s, 3.18 Hz: Strouhal number"),
-    ("cruise at 2 BL/s", "Strouhal", "cruising at 2 BL/s, 4.23 Hz: Strouhal number"),
-    ("cruise at 2 BL/s", "work", "cruising at 2 BL/s, 4.23 Hz: net work, J/kg/m"),
-    ("turn", "kept", "turning while cruising, degrees kept"),
-    ("turn", "radius", "turning while cruising: radius, BL"),
-    ("reversal", "way back", "reversal: degrees back after 0.3 s"),
-    ("start", "best angle", "start from rest: degrees after 0.3 s"),
-    ("start", "best acceleration", "start from rest: acceleration, m/s²"),
+    ("cruise at 2 BL/s", "Strouhal", "cruising at 2 BL/s:\nStrouhal number"),
+    ("cruise at 2 BL/s", "work", "cruising at 2 BL/s:\nnet work, J/kg/m"),
+    ("turn", "radius", "turning while cruising:\nradius, BL"),
+    ("reversal", "way back", "reversal: turned back\nafter 0.3 s, degrees"),
+    ("start", "best angle", "start from rest: turned\nafter 0.3 s, degrees"),
+    ("start", "best acceleration", "start from rest:\nacceleration, m/s²"),
 )
 
 
@@ -224,17 +222,15 @@ def draw() -> None:
         PAGE, filled(PAGE.read_text("utf-8"), {mark: table(read_table(name)) for mark, (name, table) in TABLES.items()})
     )
     values = values_of(read_table("water_levels.csv"))
-    figure, axes = pyplot().subplots(2, 4, figsize=(14, 6.4), layout="constrained")
-    for panel, (scene, quantity, title) in zip(axes.flat, PANELS, strict=True):
+    figure, axes = panels(3, 6.4, 2)
+    for panel, (scene, quantity, title) in zip(axes, PANELS, strict=True):
         for place, (case, colour) in enumerate(zip(COLUMNS, (ORANGE, BLUE, "#f0c9a0"), strict=True)):
             panel.bar([place], [values[(*case, scene, quantity)]], 0.7, color=colour, label=COLUMNS[case])
         if living := living_at(scene, quantity).value:
             low, *_, high = map(float, [living, living] if " to " not in living else living.split(" to "))
             panel.axhspan(low, high + 1e-9, color=GREY, alpha=0.35, linewidth=1.5, zorder=0, label="living fish")
-        panel.set_title(title, fontsize=10)
-        panel.set_xticks([])
-        panel.grid(axis="y", alpha=0.2)
-    legend_below(figure, axes.flat[0], 4)
+        panel.set(title=title, xticks=[])
+    legend_below(figure, 4)
     save(figure, RESULTS / "water_levels.svg")
 
 
