@@ -1,5 +1,6 @@
 """The benchmarks: their registry, what they publish, how costs are measured, and what bodies are fitted by."""
 
+import re
 import runpy
 import shlex
 import subprocess
@@ -46,6 +47,17 @@ def test_every_table_has_a_command():
     assert [name for name in registered if not (ROOT / name).is_file()] == []
     published = {path.relative_to(ROOT).as_posix() for path in (ROOT / RESULTS).rglob("*.*")}
     assert published - set(registered) == set()
+
+
+def test_charts_can_be_read():
+    """No two have one name, and all text is at least 9 pixels high where a chart is shown 700 pixels wide."""
+    charts = [*(ROOT / RESULTS).rglob("*.svg"), *(ROOT / "docs" / "images").glob("*.svg")]
+    assert len({path.name for path in charts}) == len(charts) > 20
+    for path in charts:
+        drawn = path.read_text("utf-8")
+        width = float(re.search(r'viewBox="0 0 ([\d.]+)', drawn)[1])
+        sizes = [float(size) for size in re.findall(r"font(?:-size)?: [^;\"]*?([\d.]+)px", drawn)]
+        assert sizes and min(sizes) * 700 / width >= 9, path.name
 
 
 @pytest.mark.parametrize("result", REGISTRY.values(), ids=REGISTRY)

@@ -78,7 +78,7 @@ def draw() -> None:
             colour, marker = COLOURS[name, level]
             label = f"{name.replace('_', '-')}{f', level {level}' if level else ''}"
             panel.errorbar(x, y, [[y - low], [high - y]], fmt=marker, color=colour, capsize=3, label=label)
-        panel.set(xscale="log", yscale="log", xlim=(0.03, 5000), ylim=(0.3, 100), title=words(task))
+        panel.set(xscale="log", yscale="log", xlim=(0.05, 1000), ylim=(0.3, 100), title=words(task))
         panel.set_yticks(ticks := [0.5, 1, 2, 5, 10, 20, 50, 100], [f"{tick:g}" for tick in ticks])
         panel.set_yticks([], minor=True)
     axes[-2].set_xlabel("processor time of a fish, ms per simulated second")

@@ -12,7 +12,7 @@ SETTINGS = {
     "svg.hashsalt": "fish_env", "svg.fonttype": "none", "figure.constrained_layout.use": True,
     "figure.constrained_layout.w_pad": 0.08, "figure.constrained_layout.h_pad": 0.06, "font.size": 10.5,
     "axes.titlesize": "medium", "figure.labelsize": "medium", "legend.fontsize": "medium", "legend.frameon": False,
-    "axes.grid": True, "grid.alpha": 0.2, "lines.markersize": 5.0,
+    "axes.grid": True, "axes.axisbelow": True, "grid.alpha": 0.2, "lines.markersize": 5.0,
 }  # fmt: skip
 METHOD_STYLE = STYLE | {  # colour and marker, one marker a family
     "explicit_euler": ("#999999", "x"),
@@ -60,11 +60,14 @@ def own_legend(panel, columns=1) -> None:
 
 def save(figure, path: Path) -> None:
     """Write a figure without a date and close it; numbers on logarithmic axes have no small exponents."""
-    from matplotlib.ticker import LogFormatter
+    from matplotlib.ticker import LogFormatter, LogLocator
 
     for axis in [axis for panel in figure.axes for axis in (panel.xaxis, panel.yaxis)]:
         if isinstance(axis.get_major_formatter(), LogFormatter):
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter("")
+            low, high = axis.get_view_interval()
+            if high < 60 * low:
+                axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     figure.savefig(path, metadata={"Date": None})
     pyplot().close(figure)

@@ -156,7 +156,7 @@ def draw() -> None:
         panel.plot([], [], color="#444444", linestyle=(0, (4, 3)), linewidth=1.0, label="linear theory (top: none)")
         panel.set(title=title, xlabel="stiffness over that of the default fish", xlim=(0.85, 1.2e4))
         own_legend(panel)
-    axes[0].text(1.1e4, 1e3 * fish.control_interval * 0.93, "control interval", ha="right", va="top")
+    axes[0].text(1.0, 1e3 * fish.control_interval * 0.93, "control interval", va="top")
     axes[0].text(1.1e4, 1e3 * fish.time_step * 1.07, "default step", ha="right", va="bottom")
     axes[0].set_ylabel("largest stable step, ms")
     save(figure, RESULTS / "stability.svg")

@@ -119,7 +119,7 @@ def measure() -> list[dict]:
 def draw() -> None:
     """Speed against frequency."""
     rows = read_table("validation/robot.csv")
-    figure, (left, right) = panels(2, 4.2)
+    figure, (left, right) = panels(2, 4.2, width_ratios=(1.0, 1.4))
     left.plot(FREQUENCY, SPEED, "x", color=GREY, ms=9, mew=2, label="robot")
     levels = list(dict.fromkeys(row["water"] for row in rows))
     for level in levels:

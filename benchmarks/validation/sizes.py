@@ -8,7 +8,7 @@ is beside the most that fast muscle of cod of 0.1 to 0.6 m gives in cycles, a ki
 
 import numpy as np
 
-from benchmarks.common.charts import BLUE, GREY, ORANGE, own_legend, panels, save
+from benchmarks.common.charts import BLUE, GREY, ORANGE, legend_below, panels, save
 from benchmarks.common.tables import RESULTS, columns, publish, read_table
 from fish_env import Fish, Tank, make_fish
 from fish_env.bodies.fitted import level_of
@@ -89,20 +89,22 @@ def measure() -> list[dict]:
 
 def draw() -> None:
     """Draw frequency, speed and power against length from the table."""
-    figure, (left, middle, right) = panels(3, 5.2)
+    figure, (left, middle, right) = panels(3, 4.8)
     for name, colour in zip(FISH, (BLUE, ORANGE), strict=True):
         own = read_table("validation/sizes.csv", fish=name)
         for panel, key in ((left, "frequency_hz"), (middle, "speed"), (right, "power_w_kg")):
-            panel.loglog(*columns(own, "length_m", key), "o-", color=colour, label=name)
+            panel.loglog(*columns(own, "length_m", key), "o-", color=colour, label=f"fastest gait, {name}")
         webb = columns(own, "length_m", "webb_frequency_hz")
-        left.loglog(*webb, ":", color=colour, label=f"Webb, {name}'s speed")
+        left.loglog(*webb, ":", color=colour, label=f"living fish (Webb, Bainbridge) for {name}")
         bainbridge = columns([row for row in own if row["frequency_hz"] >= 5.0], "length_m", "bainbridge_speed")
-        middle.loglog(*bainbridge, ":", color=colour, label=f"Bainbridge, {name}'s frequency")
-    right.loglog(LENGTHS, muscle_power(LENGTHS), ":", color=GREY, label="Anderson & Johnston, a kg of muscle")
+        middle.loglog(*bainbridge, ":", color=colour)
+    right.loglog(
+        LENGTHS, muscle_power(LENGTHS), ":", color=GREY, label="living fish (Anderson & Johnston), a kg of muscle"
+    )
     for panel, text in ((left, "tail beats, Hz"), (middle, "speed, BL/s"), (right, "net power of muscles, W/kg")):
         panel.minorticks_off()
         panel.set(xlabel="length, m", ylabel=text, xticks=LENGTHS, xticklabels=LENGTHS)
-        own_legend(panel)
+    legend_below(figure, 2)
     save(figure, RESULTS / "validation" / "sizes.svg")
 
 

@@ -95,7 +95,7 @@ def draw() -> None:
         panel.plot(PLACES, given.torque, color=GREY, lw=3, label="Ming et al. 2019")
         along(panel, read_table("validation/torque.csv", animal=name), "torque")
         panel.set(title=name, xlabel="from the nose, BL", ylim=(0, None))
-    axes[0].set_ylabel(r"half the torque's swing, 1e-4 $\rho L^5/T^2$")
+    axes[0].set_ylabel("half the torque's swing, 1e-4 density L⁵/T²")
     legend_below(figure, 5)
     save(figure, RESULTS / "validation" / "torque.svg")
 

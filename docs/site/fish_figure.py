@@ -45,12 +45,12 @@ def panel(axes, fish, title: str) -> None:
             label = f"{action}" if which == "all" else f"{action} ({spring})"
             place = ends.mean(axis=0)
             place[1] += 0.0 if which == "all" else 0.034 * np.sign(ends[:, 1].sum())
-            axes.text(*place, label, color="white", fontsize=7, ha="center", va="center", zorder=4,
-                      bbox={"boxstyle": "round,pad=0.2", "fc": colour, "ec": "none"})  # fmt: skip
+            axes.text(*place, label, color="white", fontsize=9, ha="center", va="center", zorder=4,
+                      bbox={"boxstyle": "round,pad=0.15", "fc": colour, "ec": "none"})  # fmt: skip
     for node in np.flatnonzero(shown):
-        axes.plot(*seen[node], "o", color=NODE, ms=9, zorder=3)
-        axes.text(*seen[node], str(node), color="white", fontsize=6, ha="center", va="center_baseline", zorder=5)
-    axes.set_title(title, fontsize=9)
+        axes.plot(*seen[node], "o", color=NODE, ms=13, zorder=3)
+        axes.text(*seen[node], str(node), color="white", fontsize=9, ha="center", va="center_baseline", zorder=5)
+    axes.set_title(title, pad=12)
     axes.set_aspect("equal")
     axes.margins(0.05, 1.1 if which == "upper" else 0.12)
     axes.axis("off")
@@ -58,9 +58,9 @@ def panel(axes, fish, title: str) -> None:
 
 def main() -> None:
     """Draw the four views and the legend."""
-    plt.rcParams["svg.hashsalt"] = "fish_env"
+    plt.rcParams.update({"svg.hashsalt": "fish_env", "svg.fonttype": "none", "font.size": 10, "axes.titlesize": 10})
     fish = fish_env.make_fish("mass_spring")
-    figure, grid = plt.subplots(2, 2, figsize=(11, 5.0), height_ratios=(1.0, 1.1), layout="constrained")
+    figure, grid = plt.subplots(2, 2, figsize=(10, 5.6), layout="constrained")
     for axes, title in zip(grid.flat, VIEWS, strict=True):
         panel(axes, fish, title)
     handles = [plt.Line2D([], [], color=NODE, marker="o", ls="", label="node"),
@@ -71,7 +71,7 @@ def main() -> None:
         )
         for segment, colour in enumerate(MUSCLES)
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
     path = ROOT / "docs" / "images" / "fish.svg"
     figure.savefig(path, metadata={"Date": None})
     print(f"{path}: {path.stat().st_size // 1000} kB")

@@ -385,7 +385,7 @@ def chart(fish: Fish, world: World, path: str | Path, error: float = 0.01, task:
     panel.yaxis.set_major_formatter(lambda share, _: f"{100 * share:g}")
     panel.set(
         title=f"{fish.name}, {scenes.kinds[0] if task else 'random scenes'}: mean, 90th percentile (tick), worst",
-        xlabel=f"processor time of a control interval of {scenes.fish.control_interval:g} s, us",
+        xlabel=f"processor time of a control interval of {scenes.fish.control_interval:g} s, µs",
         ylabel="error, per cent of the body length (hollow: some failed)",
     )
     figure.legend(loc="outside lower center", ncols=4, frameon=False)
