@@ -16,7 +16,7 @@ from benchmarks.calibration.fit_search import inaccuracy
 from benchmarks.calibration.midline import Midline, swim_gait, swim_midlines
 from benchmarks.calibration.performance import ENVELOPE, STATION, TROUT, bear, beyond
 from benchmarks.common import scenes
-from benchmarks.common.charts import legend_below, panels, save, words
+from benchmarks.common.charts import legend_below, panels, save
 from benchmarks.common.tables import RESULTS, ROOT, filled, markdown, publish, read_table, select
 from fish_env import Fish, make_fish
 from fish_env.bodies import BODIES as KINDS
@@ -168,7 +168,7 @@ def draw() -> None:
             found = select(rows, water=SHOWN, body=name, level=level)
             for row in found[k : k + 1]:  # none of a body that is not calibrated for this water
                 sway = [row[f"amplitude_{i}"] for i in range(7)]
-                panel.plot(STATION, sway, look, label=words(name))
+                panel.plot(STATION, sway, look, label=name.replace("_", "-"))
         panel.set(title=f"{real.speed:g} BL/s, {real.frequency:g} Hz", xlabel="from the nose, BL")
     axes[0].set(ylabel="half the sway, BL", ylim=(0, None))
     legend_below(figure, 6)

@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.common.charts import GREY, legend_below, panels, save
 from benchmarks.common.tables import RESULTS, columns, publish, read_table
-from benchmarks.validation.waters import waters
+from benchmarks.validation.waters import COLOURS, waters
 from fish_env import Fish, make_fish, prescribe
 from fish_env.physics.world import BLASIUS
 
@@ -47,7 +47,7 @@ def draw() -> None:
     for panel, name in zip(axes, BODIES, strict=True):
         for level in ("drag", "drag, friction"):
             own = read_table("validation/coasting.csv", fish=name, water=level)
-            panel.plot(*columns(own, "reynolds", "coefficient"), "o-", label=level)
+            panel.plot(*columns(own, "reynolds", "coefficient"), "o-", color=COLOURS[level], label=level)
         panel.plot(REYNOLDS, BLASIUS / np.sqrt(REYNOLDS), ":", color=GREY, label="laminar flat plate")
         panel.errorbar([AT], [COEFFICIENT], [SPREAD], fmt="kD", capsize=4, label="bluegill, coasting")
         panel.set(title=name, xscale="log", xlabel="Reynolds number", ylim=(0, 0.03))

@@ -7,7 +7,7 @@ dashpot, or is held in its place. There is no water. Bodies have a trout's outli
 
 import numpy as np
 
-from benchmarks.common.charts import BLUE, GREY, ORANGE, legend_below, panels, save, words
+from benchmarks.common.charts import BLUE, GREY, ORANGE, legend_below, panels, save
 from benchmarks.common.scenes import contract
 from benchmarks.common.tables import RESULTS, columns, publish, read_table
 from fish_env import make_fish
@@ -39,7 +39,7 @@ def draw() -> None:
     for name, colour in zip(BODIES, (BLUE, ORANGE), strict=True):
         own = [row for row in read_table("validation/strength.csv", body=name) if row["power_w"] > 0.0]
         for panel, key in zip(axes, ("speed_m_s", "power_w"), strict=True):
-            panel.plot(*columns(own, "force_n", key), ".-", color=colour, label=words(name))
+            panel.plot(*columns(own, "force_n", key), ".-", color=colour, label=name.replace("_", "-"))
     for panel, key, label in zip(axes, ("speed_m_s", "power_w"), ("speed, m/s", "power, W"), strict=True):
         panel.axvline(MEASURED["force_n"], color=GREY, lw=1)
         panel.axhline(MEASURED[key], color=GREY, lw=1, label="most of a trout")

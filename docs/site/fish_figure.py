@@ -45,11 +45,11 @@ def panel(axes, fish, title: str) -> None:
             label = f"{action}" if which == "all" else f"{action} ({spring})"
             place = ends.mean(axis=0)
             place[1] += 0.0 if which == "all" else 0.034 * np.sign(ends[:, 1].sum())
-            axes.text(*place, label, color="white", fontsize=9, ha="center", va="center", zorder=4,
+            axes.text(*place, label, color="white", fontsize=9.5, ha="center", va="center", zorder=4,
                       bbox={"boxstyle": "round,pad=0.15", "fc": colour, "ec": "none"})  # fmt: skip
     for node in np.flatnonzero(shown):
         axes.plot(*seen[node], "o", color=NODE, ms=13, zorder=3)
-        axes.text(*seen[node], str(node), color="white", fontsize=9, ha="center", va="center_baseline", zorder=5)
+        axes.text(*seen[node], str(node), color="white", fontsize=9.5, ha="center", va="center_baseline", zorder=5)
     axes.set_title(title, pad=12)
     axes.set_aspect("equal")
     axes.margins(0.05, 1.1 if which == "upper" else 0.12)

@@ -320,9 +320,12 @@ def draw_errors(panel, rows: Sequence[dict]) -> None:
         panel.loglog(*columns(full, "us_per_interval", "geometric_mean"), color=colour, linewidth=1.2)
         panel.vlines(cost, mean, worst, color=colour, linewidth=0.6, alpha=0.6)
         panel.plot(cost, ninety, color=colour, linestyle="", marker="_")
-        for part, fill, label in (full, "full", name), ([row for row in line if row["failed"]], "none", None):
+        for part, fill, label in (
+            (full, "full", WORDS.get(name, name)),
+            ([row for row in line if row["failed"]], "none", None),
+        ):
             panel.plot(*columns(part, "us_per_interval", "geometric_mean"), color=colour, marker=marker,
-                       linestyle="", fillstyle=fill, label=WORDS.get(label, label))  # fmt: skip
+                       linestyle="", fillstyle=fill, label=label)  # fmt: skip
     low, high = panel.get_xlim()
     ticks = [tick for k in range(7) for tick in (10**k, 2 * 10**k, 5 * 10**k) if low < tick < high]
     panel.set_xticks(ticks, map(str, ticks))
