@@ -13,11 +13,11 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common import problems
-from benchmarks.common.charts import METHOD_STYLE, legend_below, panels, save, words
+from benchmarks.common.charts import legend_below, panels, save, words
 from benchmarks.common.problems import FIXED
 from benchmarks.common.tables import RESULTS, publish, read_table, select
 from fish_env import INTEGRATORS, make_fish
-from fish_env.control.chart import SUBSTEPS
+from fish_env.control.chart import STYLE, SUBSTEPS
 
 DEFAULT = make_fish().integrator
 LINES = [*((name, np.inf) for name in FIXED), (DEFAULT, make_fish().refine)]
@@ -26,9 +26,8 @@ MOST_SUBSTEPS = {"linearly implicit": 96}  # most steps a control interval that 
 FEWEST = 7  # valid runs a method must show on a scene, if it has them
 BATCH, REPEATS = 8, 3
 ACCURATE = 0.01  # body lengths
-NOT_DRAWN = {"turn_x10_damped", "turn_x100", "explicit_euler", "midpoint", "linearly_implicit",
-             "linearly_implicit_projected", "linearly_implicit_water"}  # fmt: skip
-"""Scenes and methods that only the table has."""
+DRAWN = [line for line in LINES if line[0] in set(STYLE) - {"midpoint"}]
+NOT_DRAWN = ("turn_x10_damped", "turn_x100")  # scenes that only the table has
 
 
 def timed(problem: problems.Problem, name: str, substeps: int, refine: float) -> float:
@@ -109,8 +108,8 @@ def draw() -> None:
     figure, axes = panels(3, 7.2, 2, sharey=True)
     top, bottom = 2.0, 1e-6
     for panel, scene in zip(axes, (name for name in problems.problems() if name not in NOT_DRAWN), strict=True):
-        for name, refine in (line for line in LINES if line[0] not in NOT_DRAWN):
-            colour, marker = METHOD_STYLE[name]
+        for name, refine in DRAWN:
+            colour, marker = STYLE[name]
             line = sorted(select(rows, scene=scene, integrator=name, refine=refine), key=lambda row: row["substeps"])
             valid = [row for row in line if np.isfinite(row["error"])]
             size = 9 if name == DEFAULT else 4.5

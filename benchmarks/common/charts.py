@@ -20,7 +20,6 @@ METHOD_STYLE = STYLE | {  # colour and marker, one marker a family
     "linearly_implicit_projected": ("#66C2A5", "v"),
     "linearly_implicit_water": ("#1B9E77", "<"),
 }
-METHOD_WORDS = WORDS | {"explicit_euler": "explicit Euler"}
 
 
 def pyplot():
@@ -36,7 +35,7 @@ def pyplot():
 
 def words(name: str) -> str:
     """The name of a method as it is read; of a task, without underscores."""
-    return METHOD_WORDS.get(name, name.replace("_", " "))
+    return WORDS.get(name, name.replace("_", " "))
 
 
 def panels(columns: int, height: float, rows=1, **options):

@@ -25,12 +25,7 @@ MANY = 1000  # for the default method: its difference is smaller than the standa
 COMMAND, TABLE = "python train.py compare --integrators", "integrators_policies.csv"
 WIDTHS = (18, 32, 10, 7, 8, 9, 15, 16, 9, 16, 17, 8)  # of the columns of the table that is printed
 TICKS = (0.01, 0.1, 1.0, 10.0)  # ms, of the chart
-NOT_DRAWN = (
-    "midpoint",
-    "symplectic_euler",
-    "linearly_implicit_projected",
-    "linearly_implicit_water",
-)  # only in the CSV
+NOT_DRAWN = {"midpoint", "symplectic_euler", "linearly_implicit_projected", "linearly_implicit_water"}
 FINER = 8  # the reference takes this part of the fish's own step
 
 

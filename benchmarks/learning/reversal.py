@@ -53,9 +53,7 @@ def draw() -> None:
         heading.plot(run["time"], np.degrees(np.unwrap(np.radians(run["heading"]))), color=colour, lw=1.5, label=name)
         heading.plot(run["time"], run["command"], color=colour, lw=1, ls="--")
         strain.plot(run["time"], 100 * run["strain"], color=colour, lw=1)
-    above.set(
-        aspect="equal", xlabel="body lengths", title=f"path from above, {DRAWN} s; midlines every 0.1 s", yticks=[]
-    )
+    above.set(aspect="equal", xlabel="body lengths", title=f"path in {DRAWN} s; midlines every 0.1 s", yticks=[])
     heading.set(xlabel="time, s", ylabel="heading, degrees", title="heading; dashed: the command")
     strain.set(xlabel="time, s", ylabel="largest strain, %", title="largest strain of any spring")
     legend_below(figure, 2)

@@ -78,11 +78,9 @@ def draw() -> None:
         for name, colour in zip(names, (BLUE, ORANGE), strict=True):
             mine = columns(read_table("scaling.csv", what=name), key, "us")
             panel.loglog(*mine, "o-", color=colour, label=LABELS[name])
-        panel.margins(0.05)
+        own_legend(panel)
     left.set(xlabel="fish on one thread", ylabel="time of a control interval of one fish, µs", ylim=(1, None))
     right.set(xlabel="nodes", ylabel="time of a step of one body, µs")
-    own_legend(left)
-    own_legend(right)
     save(figure, IMAGES / "scaling.svg")
 
 

@@ -98,9 +98,7 @@ def draw() -> None:
         left.loglog(*webb, ":", color=colour, label=f"living fish (Webb, Bainbridge) for {name}")
         bainbridge = columns([row for row in own if row["frequency_hz"] >= 5.0], "length_m", "bainbridge_speed")
         middle.loglog(*bainbridge, ":", color=colour)
-    right.loglog(
-        LENGTHS, muscle_power(LENGTHS), ":", color=GREY, label="living fish (Anderson & Johnston), a kg of muscle"
-    )
+    right.loglog(LENGTHS, muscle_power(LENGTHS), ":", color=GREY, label="muscle of cod (Anderson & Johnston)")
     for panel, text in ((left, "tail beats, Hz"), (middle, "speed, BL/s"), (right, "net power of muscles, W/kg")):
         panel.minorticks_off()
         panel.set(xlabel="length, m", ylabel=text, xticks=LENGTHS, xticklabels=LENGTHS)

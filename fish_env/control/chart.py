@@ -53,7 +53,7 @@ STYLE = {  # colour of Okabe & Ito, and marker
 }
 WORDS = {
     "symplectic_euler": "symplectic Euler", "rk4": "Runge-Kutta 4", "semi_implicit": "Tu's semi-implicit",
-    "rosenbrock": "Rosenbrock", "leapfrog_chebyshev": "leapfrog-Chebyshev",
+    "rosenbrock": "Rosenbrock", "leapfrog_chebyshev": "leapfrog-Chebyshev", "explicit_euler": "explicit Euler",
 }  # fmt: skip
 """Names of methods as they are read; of others, as they are typed."""
 
@@ -320,10 +320,8 @@ def draw_errors(panel, rows: Sequence[dict]) -> None:
         panel.loglog(*columns(full, "us_per_interval", "geometric_mean"), color=colour, linewidth=1.2)
         panel.vlines(cost, mean, worst, color=colour, linewidth=0.6, alpha=0.6)
         panel.plot(cost, ninety, color=colour, linestyle="", marker="_")
-        for part, fill, label in (
-            (full, "full", WORDS.get(name, name)),
-            ([row for row in line if row["failed"]], "none", None),
-        ):
+        some = [row for row in line if row["failed"]]
+        for part, fill, label in (full, "full", WORDS.get(name, name)), (some, "none", None):
             panel.plot(*columns(part, "us_per_interval", "geometric_mean"), color=colour, marker=marker,
                        linestyle="", fillstyle=fill, label=label)  # fmt: skip
     low, high = panel.get_xlim()
