@@ -115,8 +115,7 @@ def draw() -> None:
             size = 9 if name == DEFAULT else 4.5
             dashes, label_of = ("--", f"{words(name)}, refined") if np.isfinite(refine) else ("-", words(name))
             panel.loglog([row[across] for row in valid], [min(max(row["error"], bottom), top) for row in valid],
-                         color=colour, marker=marker, markersize=size, linewidth=1.2, label=label_of,
-                         linestyle=dashes)  # fmt: skip
+                         color=colour, marker=marker, markersize=size, label=label_of, linestyle=dashes)  # fmt: skip
             if valid and len(line) > len(valid):  # where failed runs would lie, by the cost of a step
                 each = median(row[across] / row["substeps"] for row in valid)
                 failed = [row["substeps"] * each for row in line if not np.isfinite(row["error"])]

@@ -24,7 +24,6 @@ EPISODES = 50
 MANY = 1000  # for the default method: its difference is smaller than the standard error of fifty episodes
 COMMAND, TABLE = "python train.py compare --integrators", "integrators_policies.csv"
 WIDTHS = (18, 32, 10, 7, 8, 9, 15, 16, 9, 16, 17, 8)  # of the columns of the table that is printed
-TICKS = (0.01, 0.1, 1.0, 10.0)  # ms, of the chart
 NOT_DRAWN = {"midpoint", "symplectic_euler", "linearly_implicit_projected", "linearly_implicit_water"}
 FINER = 8  # the reference takes this part of the fish's own step
 
@@ -135,8 +134,6 @@ def draw() -> None:
                 axes.loglog(*np.array(sorted(points)).T, color=colour, marker=marker, label=words(name))
         axes.axhline(0.02, color="black", lw=0.8, ls=":")
         axes.set(title=words(task), ylim=(5e-5, 1))
-        axes.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
-        axes.set_xticks([], minor=True)
     grid[-2].set_xlabel("step, ms")
     figure.supylabel("change of the return, relative (dotted: 0.02)")
     legend_below(figure, 3)

@@ -76,13 +76,9 @@ def draw() -> None:
     figure, (left, middle, right) = panels(3, 5.4, width_ratios=(1.4, 1.1, 1.0))
     for kind, marker in zip(STANDARD, "osv", strict=True):
         for layers, colour in ((1, ORANGE), (2, BLUE)):
-            line = columns(
-                read_table("objects_layers.csv", object=kind, layers=layers, drop=DROPS[0]),
-                "pressure_over_standard",
-                "kept",
-            )
+            rows = read_table("objects_layers.csv", object=kind, layers=layers, drop=DROPS[0])
             label = f"{kind}, {'one layer' if layers == 1 else 'two layers'}"
-            left.plot(*line, color=colour, marker=marker, label=label)
+            left.plot(*columns(rows, "pressure_over_standard", "kept"), color=colour, marker=marker, label=label)
     left.set_xscale("symlog", base=2, linthresh=0.0625)
     left.set_xticks(PRESSURES, ["0", "1/16", "1/8", "1/4", "1/2", "1"])
     left.set(xlabel="gas pressure over the standard one", title="kept area or volume, over that at rest")

@@ -105,8 +105,7 @@ def draw() -> None:
                   ylabel="error, beam's lengths", ylim=(1e-10, 1.0))  # fmt: skip
     for row in read_table("solids_methods.csv", strain="corotational"):
         colour, marker = METHOD_STYLE[row["method"]]
-        axes[2].semilogy(STARTS, [row[f"{how}_ms"] for how in STARTS], color=colour, marker=marker,
-                         linewidth=0.8)  # fmt: skip
+        axes[2].semilogy(STARTS, [row[f"{how}_ms"] for how in STARTS], color=colour, marker=marker)
     axes[2].set(title="beam, corotational strain", xlabel="state at the start",
                 ylabel="largest step without a gain of energy, ms")  # fmt: skip
     legend_below(figure, 4)

@@ -113,8 +113,7 @@ def draw_panel(panel, body: str, kind: str, label) -> None:
         wide = name in ("explicit_euler", "semi_implicit")  # beneath others, so that both are seen
         panel.plot([scale * row["step_s"] for row in rows], [100 * row["failed"] / row["fish"] for row in rows],
                    color=colour, marker=marker, markersize=7 if wide or marker == "*" else 3.5, label=label(name),
-                   fillstyle="none" if wide else "full", linewidth=3.2 if wide else 1.3, zorder=2 if wide else 3,
-                   markeredgewidth=1.0)  # fmt: skip
+                   fillstyle="none" if wide else "full", linewidth=3.2 if wide else 1.3, zorder=3 - wide)  # fmt: skip
     panel.set_xscale("log")
     panel.xaxis.set_major_formatter("{x:g}")
     panel.set(ylim=(-4, 104), xlabel="step, time units" if body == "published" else "step, ms")
