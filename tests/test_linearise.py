@@ -9,16 +9,30 @@ from fish_env.bodies.fitted import WATERS
 
 SMALL = 1e-6  # of a body length, of a body length in 0.1 s, and of a full contraction
 SETTLE = 10  # intervals before, which leave the fish bent and moving
+PLAIN: dict = {}  # no change of the fish
 
 
-def moved(fish, integrator=None, count=1, seed=0):
-    """A tank of fish in motion, the same in each, and contractions that all muscles reach within an interval."""
-    tank, generator = fish_env.Tank(fish, count, integrator, water=fish.water, threads=1), np.random.default_rng(seed)
+def tanks(fish, integrator, count, change):
+    """A tank of fish, each with a change; all in water that grabs them if the change says so."""
+    tank = fish_env.Tank(fish, count, integrator, water=fish.water, threads=1, energy=change.get("energy", False))
+    for i in range(count):
+        tank.vary(i, **change.get("vary", {}))
+    if "grab" in change:
+        tank.grab(0, change["grab"], stiffness=5.0, damping=0.1)
+    if "fix" in change:
+        tank.fix(change["fix"], method="penalty")
+    return tank
+
+
+def moved(fish, integrator=None, change=PLAIN):
+    """A tank of one fish in motion, and contractions that all muscles reach within an interval."""
+    tank, generator = tanks(fish, integrator, 1, change), np.random.default_rng(0)
     steps = round(fish.control_interval / tank.dt)
     for _ in range(SETTLE):
-        goal = np.tile(generator.uniform(size=fish.num_muscles), (count, 1))
+        goal = generator.uniform(size=(1, fish.num_muscles))
         tank.drive(goal, steps)
-    return tank, tank.contraction + 0.1 * (goal - tank.contraction), steps
+    reached = np.clip(tank.contraction / tank.muscle_variation[0, 0], 0.01, 0.99)
+    return tank, reached + 0.1 * (np.clip(goal, 0.01, 0.99) - reached), steps
 
 
 def state_of(tank):
@@ -27,12 +41,12 @@ def state_of(tank):
     return np.concatenate([part.reshape(tank.num_fish, -1) for part in parts], axis=1)
 
 
-def differences(fish, integrator, tank, goal, steps):
+def differences(fish, integrator, tank, goal, steps, change=PLAIN):
     """Central differences of the interval, (S,S + M), and the sizes (S + M,) of a change of each number."""
     nodes, fibres, muscles = 3 * len(fish.body.mass), np.unique(fish.fibres), fish.num_muscles
     size = np.repeat([fish.length, 10.0 * fish.length, fish.length, 1.0], [nodes, nodes, len(fibres), muscles])
     shift = SMALL * np.vstack([np.diag(size), -np.diag(size)])
-    many = fish_env.Tank(fish, len(shift), integrator, water=fish.water, threads=1)
+    many = tanks(fish, integrator, len(shift), change)
     many.position[:] = tank.position + shift[:, :nodes].reshape(len(shift), -1, 3)
     many.velocity[:] = tank.velocity + shift[:, nodes : 2 * nodes].reshape(len(shift), -1, 3)
     many.rest_length[:] = tank.rest_length
@@ -43,22 +57,26 @@ def differences(fish, integrator, tank, goal, steps):
     return (above - below).T / (2.0 * SMALL * size), size
 
 
-CASES = [(water, "mass_spring", name) for water in WATERS for name in (None, "rk4", "semi_implicit")]
-CASES += [("reactive", "planar", None), ("reactive", "mass_spring", "linearly_implicit"), ("drag", "tetrahedral", None)]
+FACTORS = {"stiffness": 1.4, "mass": 1.2, "drag": 0.8, "current": (0.05, 0.02, 0.0), "strength": 0.8,
+           "contraction_time": 1.5, "length": 1.3}  # fmt: skip
+CASES = [(water, "mass_spring", name, {}) for water in WATERS for name in (None, "rk4", "semi_implicit")]
+CASES += [("reactive", "planar", None, {}), ("reactive", "mass_spring", "linearly_implicit", {}),
+          ("drag", "tetrahedral", None, {}), ("reactive", "mass_spring", None, {"vary": FACTORS}),
+          ("drag", "planar", None, {"vary": FACTORS}), ("reactive", "mass_spring", None, {"grab": (0.02, 0.01, 0.0)}),
+          ("reactive", "mass_spring", None, {"fix": [3], "energy": True})]  # fmt: skip
 
 
-@pytest.mark.parametrize(("water", "body", "integrator"), CASES)
-def test_central_differences(water, body, integrator):
+@pytest.mark.parametrize(("water", "body", "integrator", "change"), CASES)
+def test_central_differences(water, body, integrator, change):
     """Derivatives with respect to all of the state and to the command, in the scale of the fish; nothing moves."""
     fish = fish_env.make_fish(body, water=water)
-    tank, goal, steps = moved(fish, integrator)
+    tank, goal, steps = moved(fish, integrator, change)
     before = tank.get_state()
     found = np.hstack([part[0] for part in tank.linearise(goal, steps)])
     assert all(np.array_equal(before[name], part) for name, part in tank.get_state().items())
-    published, size = differences(fish, integrator, tank, goal, steps)
+    expected, size = differences(fish, integrator, tank, goal, steps, change)
     scale = size / size[: len(found), None]
-    error = np.linalg.norm((found - published) * scale) / np.linalg.norm(published * scale)
-    assert error < 1e-6
+    assert np.linalg.norm((found - expected) * scale) < 1e-6 * np.linalg.norm(expected * scale)
 
 
 def test_muscles_at_their_limits():
@@ -68,9 +86,9 @@ def test_muscles_at_their_limits():
     goal = (tank.contraction < 0.5) * 1.0
     found = tank.linearise(goal, steps)
     assert not found.command.any()
-    published, _ = differences(fish, None, tank, np.clip(goal, 2 * SMALL, 1 - 2 * SMALL), steps)
+    expected, _ = differences(fish, None, tank, np.clip(goal, 2 * SMALL, 1 - 2 * SMALL), steps)
     rest = -len(fish.fibres)
-    np.testing.assert_allclose(found.state[0, rest:], published[rest:, : found.state.shape[2]], atol=1e-7)
+    np.testing.assert_allclose(found.state[0, rest:], expected[rest:, : found.state.shape[2]], atol=1e-7)
 
 
 def test_refined_interval():
@@ -78,12 +96,12 @@ def test_refined_interval():
     fish = fish_env.make_fish()
     tank, goal, steps = moved(fish)
     tank.velocity[0, 21] += [0.0, 8.0, 0.0]
-    published, size = differences(fish, None, tank, goal, steps)
+    expected, size = differences(fish, None, tank, goal, steps)
     found = np.hstack([part[0] for part in tank.linearise(goal, steps)])
     tank.drive(goal, steps)
     assert tank.counters["refinements"][0] > 0
     scale = size / size[: len(found), None]
-    assert np.linalg.norm((found - published) * scale) < 1e-5 * np.linalg.norm(published * scale)
+    assert np.linalg.norm((found - expected) * scale) < 1e-5 * np.linalg.norm(expected * scale)
 
 
 @pytest.mark.parametrize("groups", ["muscles", "pairs"])

@@ -312,8 +312,8 @@ class Tank(ReadOnly, Generic[Elastic]):
             and the rest lengths (K,) m of the springs `np.unique(fish.fibres)`, flat and in this order.
 
         Raises:
-            ValueError: as `swim`, for a fish that has failed or fails in this interval, an adaptive method, or nodes
-                that `fix`, `move` or `grab` acts on.
+            ValueError: as `swim`, for a fish that has failed or fails in this interval, an adaptive method, nodes that
+                are fixed by elimination or moved, or a drag spring whose point moves.
         """
         return linearise(self, contraction, options.checked_steps(steps))
 
