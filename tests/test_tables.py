@@ -1,6 +1,7 @@
 """Tables of the pages are those of benchmarks/results: each is written again from its CSV file and found there."""
 
 import json
+import re
 
 import gymnasium as gym
 import numpy as np
@@ -470,6 +471,8 @@ def choices():
     rows = read_table("water_stability.csv", body="mass_spring")
     assert not any(row["failures"] for row in rows)
     yield f"None of {sum(row['fish'] for row in rows) // 2:,} fish of the stress test fails, in either water."
+    controllers, ppo = (scores()["swim", "", method, "return"] for method in ("motor controllers", "PPO"))
+    yield f"The motor controllers reach {controllers:.1f}, and PPO {ppo:.1f} after 2 million steps."
     yield f"it meets a target every {scores()['target', '', 'random', 'time_per_target']:.0f} s"
     batch, alone = intervals()
     yield f"So a control interval costs {batch:.1f} times that in drag in a batch, and {alone:.1f} times alone."
@@ -523,3 +526,47 @@ def test_pages(names):
     text = "".join((ROOT / f"docs/{name}.md").read_text() for name in names.split())
     missing = [each for table in PAGES[names] for each in table() if each not in text]
     assert not missing
+
+
+# Numbers in prose
+
+MEASURED = re.compile(r"(?<![\w.,^-])\d+(?:,\d{3})+|(?<![\w.,^-])\d+\.\d+|(?<![\w.,^-])\d+(?= (?:%|times))")
+"""What looks measured: a decimal number, thousands, per cent, or times; whole numbers count things."""
+SHOWN = re.compile(
+    r"\.csv\)|`(?:python -m benchmarks|python train\.py|fish_env (?:evaluate|chart|compare|train))|^python -m", re.M
+)
+NO_PROSE = re.compile(r"```(?s:.*?)```|\$`[^`]*`\$|`[^`]*`|\]\([^)]*\)|^\|[^\n]*$|^\d+\. ", re.M)
+GIVEN = {  # by page, from the code, from a source, or chosen by the reader: other tests check most of them
+    "README": "3.10 3.14 90",
+    "choosing-a-body": "10 3.2 0.2 0.0108 0.0107 0.221 0.40 0.079 0.209 0.05 0.6 0.02",
+    "choosing-the-water": "1.3",
+    "getting-started": "3.10 3.14",
+    "performance": "3.10 3.12 3.13 3.14",
+    "physics": "0.91 0.92 0.005 0.8 1.1",
+    "physics-more": "200,000 1,000 0.26 0.2 0.02 0.1 0.055 4.5 4.4 4.6 3.4",
+    "recipes": "40,000 4.9",
+    "soft-objects": "100",
+    "training": "98,304 95",
+    "validation": "0.0055 0.0107",
+}
+
+
+def test_numbers_in_prose():
+    """A number that looks measured stands in a section with its table or command, or follows from a table above."""
+    told = {name: [] for name in ("../README", *(path.stem for path in (ROOT / "docs").glob("*.md")))}
+    for names, tables in PAGES.items():
+        for name in names.split():
+            told[name] += [each for table in tables for each in table()]
+    found = {}
+    for name, sentences in told.items():
+        text = (ROOT / f"docs/{name}.md").read_text()
+        for sentence in sentences:
+            text = text.replace(sentence, "")
+        sections = re.split(r"^(?=##+ )", text, flags=re.M)
+        bare = " ".join(
+            NO_PROSE.sub(" ", each) for each in sections if not SHOWN.search(each) and "Sources" not in each[:12]
+        )
+        found[name.removeprefix("../")] = set(MEASURED.findall(bare))
+    assert {name: numbers for name, numbers in found.items() if numbers} == {
+        name: set(numbers.split()) for name, numbers in GIVEN.items()
+    }
