@@ -202,6 +202,7 @@ def rates():
     yield f"add {100 * found[one] - 100:.0f} % to a step of one fish, and {100 * found[many] - 100:.0f} % to one of 256"
     one, many = ([found[f"{what} of {n} fish, us a fish"] for what in ("get_state", "set_state")] for n in (1, 256))
     yield f"take {one[0]:.0f} and {one[1]:.0f} µs for one fish, {many[0]:.1f} and {many[1]:.1f} µs a fish for 256"
+    yield f"`linearise` takes {found['linearise of one fish, us'] / 1000:.1f} ms"
     above, side, follow = (
         f"{round(found[f'pictures of 84 x 84 a second, {camera}, with the step'], -1):,.0f}"
         for camera in ("above", "side", "follow")
