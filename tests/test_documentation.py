@@ -38,14 +38,6 @@ from fish_env.tasks.options import keywords_of
 FORMS = [*((task, {}) for task in TASKS), ("swim", {"speed": 1.0}), ("target", {"dimensions": 3})]
 OVERVIEW = "envs/index.md"  # what is common to all tasks
 NUMBERED = ("physics.md", "physics-more.md")  # pages whose equations have numbers, in the order of these
-ELSEWHERE = {  # common arguments that a page of a task gives by a link or not at all
-    "sensing": {"observation", "observation_noise", "action_noise", "observation_delay", "action_delay", "history",
-                "privileged"},
-    "pictures": {"render_mode", "width", "height", "camera", "panel"},
-    "batches": {"num_envs", "autoreset_mode"},
-    "the id": {"task"},
-}  # fmt: skip
-
 every_task = pytest.mark.parametrize("task", TASKS)
 every_form = pytest.mark.parametrize(("task", "keywords"), FORMS)
 
@@ -260,8 +252,8 @@ def test_observation_table(task, keywords):
     for i in range(23):
         assert meaning[3 * i].startswith(f"position of node {i},")
         assert meaning[3 * i + int(further)].startswith(f"velocity of node {i},")
-    assert env.tank.fish.nose == number(task, r"Node (\d+) is the nose")
-    assert "21 and 22 are the tail tips" in page(task) and list(env.tank.fish.tail) == [21, 22]
+    assert env.tank.fish.nose == number(OVERVIEW, r"form a nose \((\d+)\)")
+    assert "a tail fin (tips 21, 22)" in page(OVERVIEW) and list(env.tank.fish.tail) == [21, 22]
 
 
 def test_sensors_list():
@@ -335,7 +327,7 @@ def defaults_in(name, heading):
 
 @every_task
 def test_arguments(task):
-    """Every keyword of the task, with its default and range; and the names of those of all tasks."""
+    """Every keyword of the task, with its default and range; and a link to those of all tasks."""
     stated = defaults_in(task, "Arguments")
     own = {name: value for name, value in keywords_of(TASKS[task]).items() if name not in TASKS[task].weights}
     assert set(stated) == set(own)
@@ -344,8 +336,10 @@ def test_arguments(task):
     for name in set(own) - {"dimensions", "reversals", "goal_env"}:  # whose meaning lists what is allowed
         option = vars(modules(task)[0]).get(name.upper(), avoid.CHANCE)
         assert re.search(rf"(?<![\d.]){re.escape(span(option))}(?!\.?\d)", stated[name][1]), f"{name}: {span(option)}"
-    named = re.search(r"^Also the \[weights\]\(#rewards\) and, (.*)$", section(task, "Arguments"), re.MULTILINE)
-    assert named and set(names_in(named[1])) == {*shared_arguments()} - set().union(*ELSEWHERE.values())
+    shared = re.search(
+        r"^Also the .* \[common arguments\]\(index\.md#common-arguments\), such as `(\w+)`", page(task), re.M
+    )
+    assert shared and shared[1] in shared_arguments()
 
 
 def shared_arguments():
@@ -407,10 +401,10 @@ def test_info_keys(task, keywords, single):
     Those before it lack numbers that do not exist yet, and no others.
     """
     own = {key for head, said in entries(task, "Info") if applies(said, keywords) for key in names_in(head)}
-    named = re.search(r"the last step has (.*), and:$", section(task, "Info"), re.MULTILINE)
+    link = re.search(r"has the \[common keys\]\(index\.md#common-info-keys\)(.*), and:$", section(task, "Info"), re.M)
     common = [names_in(head)[0] for head, _ in entries(OVERVIEW, "Common info keys")]
     shared, keys_of_step = set(common[: common.index("step_terms")]), set(common[common.index("step_terms") :])
-    assert named and set(names_in(named[1])) == shared - (set() if "success" in own else {"is_success"})
+    assert link and names_in(link[1]) == ([] if "success" in own else ["is_success"])
     make = gym.make if single else partial(gym.make_vec, num_envs=2)
     env = make(env_id(task), info_every_step=True, **keywords)
     over, infos = False, [env.reset(seed=0)[1]]
@@ -419,7 +413,7 @@ def test_info_keys(task, keywords, single):
         infos.append(info)
         over = np.any(terminated) or np.any(truncated)
     terms = {names_in(head)[0] for head, _ in entries(task, "Rewards")}
-    wanted = keys_of_step - {"term_<name>"} | own | set(names_in(named[1])) | {f"term_{name}" for name in terms}
+    wanted = keys_of_step - {"term_<name>"} | own | shared - {*names_in(link[1])} | {f"term_{name}" for name in terms}
     assert {key for key in infos[-1] if not key.startswith("_")} == wanted
     for info in infos:
         missing = wanted - info.keys()
@@ -540,8 +534,7 @@ NOT_RUN = {
     "takes an hour; test_benchmarks.py does it in small": (r"python train\.py all",),
     "takes minutes, up to hours": (
         r"python train\.py compare --integrators", r"python -m benchmarks (--all|validation)",
-        r"python -m benchmarks\.calibration\.fit", r"python -m benchmarks\.stability\.water",
-        r"python -m benchmarks\.water\.prices", r"python -m benchmarks\.learning\.sensing",
+        r"python -m benchmarks\.stability\.water", r"python -m benchmarks\.learning\.sensing",
     ),
 }  # fmt: skip
 """How commands begin that no test runs, as regular expressions, by the reason."""

@@ -4,7 +4,6 @@ Each level has the fish that is calibrated for it; that of reactive water is als
 every fish and level: those of least net work a metre at a speed, at the frequency of trout and at any (`scenes.py`).
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -124,9 +123,7 @@ def measure() -> list[dict]:
 
 
 ROWS = (  # of the table of the page: scene, quantity, label, digits
-    ("cruise at 1 BL/s", "Strouhal", "cruising at 1 BL/s, 3.18 Hz: Strouhal number", 2),
-    ("cruise at 2 BL/s", "sweep", "cruising at 2 BL/s, 4.23 Hz: tail sweep, BL", 2),
-    ("cruise at 2 BL/s", "Strouhal", "Strouhal number", 2),
+    ("cruise at 2 BL/s", "Strouhal", "cruising at 2 BL/s, 4.23 Hz: Strouhal number", 2),
     ("cruise at 2 BL/s", "nose over tail", "nose over tail", 2),
     ("cruise at 2 BL/s", "work", "net work of the muscles, J/kg/m", 2),
     ("turn", "radius", "turning at 1 BL/s, one side for 0.2 s: radius, BL", 2),
@@ -167,15 +164,6 @@ def levels_table(rows: list[dict]) -> str:
     return markdown(["", *WATERS, "living fish"], lines)
 
 
-def controllers_table(rows: list[dict]) -> str:
-    """The page's table of the motor controllers in both waters."""
-    values, lines = {(row["scene"], row["water"]): row["value"] for row in rows}, []
-    for task, (score, unit) in CONTROLLED.items():
-        cells = (f"{values[f'motor controllers, {task}', level]:.2f}" for level in LEVELS[1:])
-        lines.append((f"{task}: {score}{f', {unit}' if unit else ''}", *cells))
-    return markdown(["", "drag", "reactive"], lines)
-
-
 def stability_table(rows: list[dict]) -> str:
     """The page's table of fish that failed, and that rolled, in both waters."""
     lines = []
@@ -188,20 +176,9 @@ def stability_table(rows: list[dict]) -> str:
     return markdown(head, lines)
 
 
-def turn_table(rows: list[dict]) -> str:
-    """The page's table of the abrupt turn without other damping: errors in % of the length, magnification, failures."""
-    steps, lines = {"own": "own step", "at_12": "12 steps", "at_24": "24 steps"}, []
-    for row in select(rows, damping=1.0):
-        errors = (f"{100 * row[key]:.2g} %" if math.isfinite(row["magnified"]) else "unpredictable" for key in steps)
-        lines.append((f"x {row['stiffness']:g}", row["water"], *errors, f"{row['magnified']:.0f}", row["failures"]))
-    return markdown(("stiffness", "water", *steps.values(), "magnified", "failed"), lines)
-
-
 TABLES: dict[str, tuple[str, Callable[[list[dict]], str]]] = {
     "levels": ("water_levels.csv", levels_table),
-    "controllers": ("water_levels.csv", controllers_table),
     "stability": ("water_stability.csv", stability_table),
-    "turn": ("water_turn.csv", turn_table),
 }
 """By the mark on the page, where its table comes from."""
 
