@@ -291,7 +291,7 @@ class ObjectScene(Scene):
         work = ["muscles' work"] if first.is_fish else []
         self.plots["energy of the first (J)"] = ["motion", "stored", *work, "lost"]
         if len(objects) > 1:
-            self.plots["distance from the first (lengths)"] = names[1:]
+            self.plots["distance from the first (BL)"] = names[1:]
         self.reset()
 
     def set(self, name: str, value: Any) -> None:
@@ -465,8 +465,9 @@ class ObjectScene(Scene):
         parameters = inspect.signature(KINDS[entry.kind].make).parameters.values()
         for name, default in ((each.name, each.default) for each in parameters if type(each.default) is int):
             others = [pair for pair in entry.resolution if pair[0] != name]
+            words = "cells across" if name == "across" else name
             found.append(
-                Control("slider", f"{name} {number}", f"  its {name}", lambda value, name=name, others=others: change(
+                Control("slider", f"{name} {number}", f"  its {words}", lambda value, name=name, others=others: change(
                         entry._replace(resolution=(*others, (name, int(value))))), "Objects",
                         dict(entry.resolution).get(name, default), default, 0,
                         9 if entry.kind in ("block", "ball") else FINEST.get(name, 24), 1)

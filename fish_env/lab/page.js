@@ -215,7 +215,7 @@ function show() {
     label.style.top = `${50 * (1 - Math.max(...places.map((p) => p[1])))}%`;
   });
   lab.drawn += 1;
-  if (lab.drawn % 6 === 0 || shown.failure) write();
+  if (lab.drawn % 6 === 0 || history.length < 3 || shown.failure) write();
   const p = hover && scene.follows ? onWater(...hover) : null;
   if (p) point("hover", p);
   hover = null;

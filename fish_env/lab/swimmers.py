@@ -85,7 +85,7 @@ class FishScene(Scene):
         return self.tank.position.copy(), np.clip(self.tank.contraction, 0.0, 1.0)
 
     def speed(self) -> float:
-        """Speed of the first fish, lengths/s."""
+        """Speed of the first fish, BL/s."""
         return float(np.linalg.norm(self.env._pose.velocity[0])) / self.length
 
     def frame(self) -> Frame:
@@ -175,7 +175,7 @@ class SwimmerScene(FishScene):
     """Up to MOST_FISH fish that a driver, a key of DRIVERS, steers; `follow`: whether to where the pointer is."""
 
     follows, start = True, {"yaw": 0.0}
-    plots = {"heading (degrees)": ["heading", "command"], "speed (lengths/s)": ["speed"]}
+    plots = {"heading (degrees)": ["heading", "command"], "speed (BL/s)": ["speed"]}
 
     def __init__(self, title, hint, driver="policy for turns", num_fish=1, follow=True):
         self.title, self.hint, self.follow = title, hint, follow
@@ -313,7 +313,7 @@ class UserScene(FishScene):
     """One fish in an environment of the user, episode after episode; raises what making the environment raises."""
 
     hint = "Episodes follow one another. Without a policy, every muscle has a slider."
-    plots = {"reward of a step": ["reward"], "speed (lengths/s)": ["speed"]}
+    plots = {"reward of a step": ["reward"], "speed (BL/s)": ["speed"]}
 
     def __init__(self, task: str | None, policy: Policy | None):
         if policy is not None and task in (None, policy.about.get("env_id")):
