@@ -8,11 +8,13 @@ import ctypes
 import re
 from contextlib import contextmanager
 from functools import cache
+from types import SimpleNamespace
+from unittest.mock import patch
 
 import llvmlite.binding as llvm
 import numpy as np
 
-from fish_env.gpu.compiling import to_ptx
+from fish_env.gpu.compiling import exactly
 from fish_env.gpu.launch import SIGNATURE, launch_for, threads_pack
 from fish_env.gpu.memory import Upload
 from fish_env.kernels.simd.types import WARP
@@ -21,6 +23,13 @@ POINTERS = (r"(?:\bi\d+|\bdouble|\bfloat|\bptr)\*", r"\{[^{}]*\}\*", r"\[[^\[\]]
 REGISTERS = ("tid", "ntid", "ctaid", "nctaid")
 TESTS = {"isfinited": "ord double %b, %b", "isnand": "uno double %a, %a"}
 """Functions of NVIDIA's mathematical library that the C library has not, as comparisons of %a and %b = %a - %a."""
+
+
+def to_ptx(function, signature, cc):
+    """PTX of a plain function with a signature, for a compute capability such as (9, 0); no GPU is needed."""
+    device = SimpleNamespace(compute_capability=cc)
+    with exactly() as cuda, patch("numba.cuda.dispatcher.get_current_device", lambda: device):
+        return cuda.compile_ptx(function, signature, cc=cc)[0]
 
 
 @contextmanager

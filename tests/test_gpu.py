@@ -133,6 +133,7 @@ def test_import():
 @needs_compiler
 def test_nothing_is_contracted():
     """A product and a sum stay two roundings, and `fma` is one."""
+    from emulated_gpu import to_ptx
     from numba import types
 
     from fish_env.kernels.simd import fma
@@ -144,7 +145,7 @@ def test_nothing_is_contracted():
         out[0] = a * b + c
 
     signature = types.void(types.float64[::1], *[types.float64] * 3)
-    found = [compiling.to_ptx(function, signature, (8, 0)).count("fma.rn.f64") for function in (explicit, implicit)]
+    found = [to_ptx(function, signature, (8, 0)).count("fma.rn.f64") for function in (explicit, implicit)]
     assert found == [1, 0]
 
 

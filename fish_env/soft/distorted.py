@@ -1,11 +1,10 @@
-"""Bodies out of their shape: twisted, turned inside out, and how far a body is from the shape that it has at rest."""
+"""Bodies out of their shape: twisted, or turned inside out."""
 
 from collections.abc import Callable
 
 import numpy as np
 
 from fish_env.physics.fish import ElasticObject
-from fish_env.physics.records import Body
 
 
 def twist(thing: ElasticObject, turns=0.5) -> np.ndarray:
@@ -41,11 +40,3 @@ def distort(thing: ElasticObject, how: str) -> np.ndarray:
             "object of tetrahedra or with gas"
         )
     return DISTORTIONS[how](thing)
-
-
-def out_of_shape(body: Body, x) -> float:
-    """Largest distance of a node from where it is at rest, over the body's size, once x is turned to fit best."""
-    here, there = (a - np.average(a, axis=0, weights=body.mass) for a in (x, body.position))
-    u, _, vt = np.linalg.svd((here * body.mass[:, None]).T @ there)
-    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    return float(np.linalg.norm(here @ turn - there, axis=1).max() / np.ptp(body.position, axis=0).max())

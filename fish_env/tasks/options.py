@@ -1,8 +1,7 @@
 """Options of a task: numbers with their range; a number outside raises an error at once."""
 
 import copy
-from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
+from collections.abc import Mapping
 from inspect import signature
 from typing import Any, NamedTuple
 
@@ -73,12 +72,6 @@ def check_options(given: Mapping[str, Any], allowed: Mapping[str, Option]) -> di
             meant = "; ".join(f"{key!r}, {option.text}" for key, option in allowed.items())
             raise ValueError(f"unknown reset option {name!r}; choose from {meant}")
     return {name: allowed[name].checked(f"options[{name!r}]", value) for name, value in given.items()}
-
-
-def meant(name: str, names: Iterable[str]) -> str:
-    """For a message: the one of the names that an unknown name resembles, if there is one."""
-    close = get_close_matches(name, names, 1)
-    return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 class Keywords:
