@@ -20,13 +20,11 @@ For large displacements, fix the nodes (`fish_env.physics.body.fix`), start `equ
 positions, and compute the `reactions` there.
 """
 
-import warnings
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.linalg import LinAlgWarning, lu_factor, lu_solve, null_space, orth
+from scipy.linalg import null_space, orth
 from scipy.sparse import block_array, csc_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
@@ -35,6 +33,7 @@ from fish_env.physics.body import node_numbers
 from fish_env.physics.failures import ESCAPED
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.integrity import check_problem
+from fish_env.physics.linalg import rates
 from fish_env.physics.records import Body, World
 from fish_env.physics.world import VACUUM
 from fish_env.soft.conditions import METHODS, PENALTY, vectors_along
@@ -174,36 +173,28 @@ def prescribed_displacement(
     load = _given(load, np.zeros(shape), "load (N)")
     if (clash := abs(wanted[own])).any():
         raise ValueError(f"the body fixes degrees of freedom that are to move by up to {clash.max():g} m; free them")
-    matrix = csc_array(tangent(body, world, body.springs.rest_length, body.position))
+    matrix = tangent(body, world, body.springs.rest_length, body.position)
     if method == "elimination":
         return _eliminate(matrix, wanted, load, own | displaced)
     penalty = multiple * abs(matrix).max() * (displaced & ~own)
-    stiffer = csc_array(matrix + diags_array(penalty.ravel()))
+    stiffer = csr_array(matrix + diags_array(penalty.ravel()))
     found, _ = _eliminate(stiffer, np.zeros(shape), load + penalty * wanted, own)
     bearing = (matrix @ found.ravel()).reshape(shape) - load  # P (u_c - u) is the same, with more rounding
     return found, np.where(own | displaced, bearing, 0.0)
 
 
-def _eliminate(matrix: csc_array, given, load, held) -> tuple[np.ndarray, np.ndarray]:
+def _eliminate(matrix: csr_array, given, load, held) -> tuple[np.ndarray, np.ndarray]:
     """Solve for displacements (N,3), given those of the mask `held` (N,3); return them and the reactions on `held`."""
     found, free, fixed = given.copy().ravel(), np.flatnonzero(~held.ravel()), np.flatnonzero(held.ravel())
-    rows = matrix.tocsr()
-    force = load.ravel() - rows @ found
-    inner = rows[free][:, free]
+    force = load.ravel() - matrix @ found
+    inner = matrix[free][:, free]
     size = np.sqrt(np.abs(inner.diagonal()))  # scaling that makes penalties no larger than other entries
     if not size.all():
         raise NoEquilibrium(UNRESISTED)
     scale = diags_array(1.0 / size)
-    try:
-        factors = splu(csc_array(scale @ inner @ scale), **SYMMETRIC)
-    except RuntimeError as error:
-        raise NoEquilibrium(UNRESISTED) from error
-    pivots = np.abs(factors.U.diagonal())
-    if not pivots.min() > SINGULAR * pivots.max():
-        raise NoEquilibrium(UNRESISTED)
-    found[free] = factors.solve(force[free] / size) / size
+    found[free] = _factor(scale @ inner @ scale).solve(force[free] / size) / size
     bearing = np.zeros(found.size)
-    bearing[fixed] = (rows @ found - load.ravel())[fixed]
+    bearing[fixed] = (matrix @ found - load.ravel())[fixed]
     return found.reshape(given.shape), bearing.reshape(given.shape)
 
 
@@ -263,14 +254,11 @@ def modes(body: Body, count: int, world: World = VACUUM, rest_length=None, posit
 
 def _lowest(matrix, free, root, count):
     """Lowest eigenvalues (count,), 1/s2, and vectors (K,count) of W K W: W the diagonal `root` (K,)."""
-    if isinstance(matrix, np.ndarray):
-        scaled = matrix[np.ix_(free, free)] * np.outer(root, root)
-        values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
-        return values[:count], vectors[:, :count]
     scaled = diags_array(root) @ matrix[free][:, free] @ diags_array(root)
     scaled = (0.5 * (scaled + scaled.T)).tocsc()
-    if count >= free.size // 2:
-        return _lowest(scaled.toarray(), np.arange(free.size), np.ones(free.size), count)
+    if free.size <= rates.DENSE or count >= free.size // 2:
+        values, vectors = np.linalg.eigh(scaled.toarray())
+        return values[:count], vectors[:, :count]
     shift = -SHIFT * np.abs(scaled.diagonal()).max()  # just below zero, so that rigid motions leave it regular
     factors = splu((scaled - shift * eye_array(free.size)).tocsc(), **SYMMETRIC)
     inverse = LinearOperator(scaled.shape, factors.solve)
@@ -308,26 +296,23 @@ def _solver(body: Body, matrix, rigid, slack=0.0) -> Callable:
     free, scale = _free(body), np.abs(matrix.diagonal()).max()
     rigid = rigid * scale
     size, border = rigid.shape
-    if isinstance(matrix, np.ndarray):
-        inner = matrix[np.ix_(free, free)] + slack * scale * np.eye(size)
-        system = np.block([[inner, rigid], [rigid.T, np.zeros((border, border))]])
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", LinAlgWarning)  # the pivots are checked below
-            factors = lu_factor(system)
-        pivots, solve = np.diag(factors[0]), partial(lu_solve, factors)
-    else:
-        system = matrix[free][:, free] + slack * scale * eye_array(size)
-        if border:
-            system = block_array([[system, csr_array(rigid)], [csr_array(rigid.T), None]])
-        try:
-            factors = splu(system.tocsc(), **SYMMETRIC)
-        except RuntimeError as error:
-            raise NoEquilibrium(UNRESISTED) from error
-        pivots, solve = factors.U.diagonal(), factors.solve
-    if not np.abs(pivots).min() > SINGULAR * np.abs(pivots).max():
+    system = matrix[free][:, free] + slack * scale * eye_array(size)
+    if border:
+        system = block_array([[system, csr_array(rigid)], [csr_array(rigid.T), None]])
+    factors, padding = _factor(system), np.zeros(border)
+    return lambda f: factors.solve(np.concatenate([f, padding]))[:size]
+
+
+def _factor(matrix):
+    """Factors of a sparse, symmetric matrix; NoEquilibrium if it is singular."""
+    try:
+        factors = splu(csc_array(matrix), **SYMMETRIC)
+    except RuntimeError as error:
+        raise NoEquilibrium(UNRESISTED) from error
+    pivots = np.abs(factors.U.diagonal())
+    if not pivots.min() > SINGULAR * pivots.max():
         raise NoEquilibrium(UNRESISTED)
-    padding = np.zeros(border)
-    return lambda f: solve(np.concatenate([f, padding]))[:size]
+    return factors
 
 
 def _given(value, default: np.ndarray, name: str) -> np.ndarray:
