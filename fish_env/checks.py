@@ -73,14 +73,9 @@ def representable(what: str) -> Iterator[None]:
 
 
 def as_floats(value) -> np.ndarray:
-    """Convert `value` to a float64 array; an array of this type is returned itself.
-
-    Raises:
-        TypeError: for types that numpy would convert silently: text, dates, complex numbers, masked values. Also for a
-            tensor of torch that requires a gradient, which would be lost here.
-        ValueError: for rows of different lengths.
-        OverflowError: for a whole number beyond the largest float.
-    """
+    """Convert `value` to a float64 array, such an array to itself; TypeError, ValueError or OverflowError else."""
+    # TypeError also for what numpy would convert silently: text, dates, complex numbers, masked values, and tensors of
+    # torch that require a gradient, which would be lost here.
     if getattr(getattr(value, "dtype", None), "is_floating_point", False):  # of torch, perhaps one that numpy lacks
         value = value.double()
     try:
@@ -146,16 +141,10 @@ def check_numbers(name: str, array, shape: tuple, below: int, lowest: int = 0) -
 
 
 def check_record(prefix: str, record, patterns: dict[str, str], **sizes: int) -> None:
-    """Raise ValueError unless the arrays of a record have the shapes, and finite or whole numbers, of their patterns.
-
-    Args:
-        prefix: what names begin with in messages.
-        record: a nested named tuple or another object; fields of a part that is None are left out.
-        patterns: for names such as "springs.nodes", the sizes of the axes. A letter is one size in all of them, that of
-            the first array unless it is in `sizes`. "< N" after them asks for whole numbers below N, "from -1" for
-            numbers from -1 on instead of 0. "?" before them allows None.
-        **sizes: sizes of letters.
-    """
+    """Raise ValueError unless the arrays of a record have the shapes and the numbers of their patterns."""
+    # Patterns have, for names such as "springs.nodes", the sizes of the axes. A letter is one size in all of them, that
+    # of the first array unless it is in `sizes`. "< N" after them asks for whole numbers below N, "from -1" for numbers
+    # from -1 on instead of 0. "?" before them allows None. Fields of a part that is None are left out.
     for name, pattern in patterns.items():
         part, _, field = name.rpartition(".")
         holder = getattr(record, part) if part else record
@@ -188,11 +177,7 @@ def fits_memory(count: int, each: int, what: str) -> None:
 
 @cache
 def available_memory(groups: Path = Path("/sys/fs/cgroup")) -> int | None:
-    """Bytes of memory of this machine, or of the container around this process; None if the system does not say.
-
-    Args:
-        groups: folder of the control groups, which shows a container its own limit.
-    """
+    """Bytes of memory of this machine, or of the container around this process; None if the system does not say."""
     sizes = []
     with suppress(AttributeError, ValueError, OSError):  # not available on this system
         sizes.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
@@ -230,8 +215,6 @@ def frozen(record):
 
 
 def own(state: dict, sample: np.ndarray) -> dict:
-    """Return the state of a pickle, copied if its arrays, such as `sample`, are in read-only memory.
-
-    An object store, such as that of Ray, returns read-only arrays.
-    """
+    """Return the state of a pickle, copied if its arrays, such as `sample`, are in read-only memory."""
+    # An object store, such as that of Ray, returns read-only arrays.
     return state if sample.flags.writeable else copy.deepcopy(state)

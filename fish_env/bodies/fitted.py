@@ -15,11 +15,7 @@ SHAPES = {"bending": (5,), "pull": (3,), "shear": (), "drag": (6,), "damping": (
 
 
 def read_calibration(body: str, water: str | None = None) -> dict:
-    """Part of a body's file for a level of WATERS: its "parameters", and how they were found.
-
-    Raises:
-        ValueError: for another level of water.
-    """
+    """Part of a body's file for a level of WATERS, or ValueError: its "parameters", and how they were found."""
     found, level = json.loads(data("fish_env.bodies", f"{body}.json").read_text("utf-8")), check_level(water)
     if level not in found:
         known = ", ".join(f"water={name!r}" for name in found)
@@ -40,11 +36,7 @@ def level_of(water: World) -> str:
 
 
 def fitted_parameters(body: str, water: str | None, *given) -> list[np.ndarray]:
-    """Parameters as arrays, in the order and of the shapes of SHAPES; None is replaced by the fitted value.
-
-    Raises:
-        ValueError: for an array of another shape, or a number that is not positive.
-    """
+    """Parameters as arrays, in order and shapes those of SHAPES, None for the fitted value; ValueError for others."""
     found = read_calibration(body, water)["parameters"] if any(value is None for value in given) else {}
     return [
         positive_array(found[name] if value is None else value, shape, name)

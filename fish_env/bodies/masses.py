@@ -72,21 +72,11 @@ def layer_masses(p) -> np.ndarray:
 
 
 def match_moments(mass, position, wanted: Moments, solid: bool) -> np.ndarray:
-    """Change masses (N,) kg to have the mass, the centre and the inertia of `wanted`.
-
-    Each mass is multiplied by the exponential of a polynomial of second degree in its position: of all masses with
-    these moments they are the nearest to those given, in relative entropy, and they are positive.
-
-    Args:
-        mass: (N,) kg, positive, to start from.
-        position: (N,3) m, symmetrical about the xz plane.
-        wanted: moments that the masses should have.
-        solid: True for all three moments of inertia; False for yaw alone, which is what a body whose nodes all lie on
-            its outline can have.
-
-    Raises:
-        ValueError: if no masses at these positions have the inertia of the outline.
-    """
+    """Change masses (N,) kg at positions (N,3) m to have wanted mass, centre and inertia; ValueError if none have."""
+    # Each is multiplied by the exponential of a polynomial of second degree in its position: of all masses with these
+    # moments they are the nearest to those given, in relative entropy, and they are positive. Positions are symmetrical
+    # about the xz plane. Unless `solid`, only the yaw inertia is: a body whose nodes all lie on its outline cannot have
+    # more.
     x, y, z = (position - (wanted.centre, 0.0, 0.0)).T
     along, across, upward = wanted.squares
     sums = [(np.ones_like(x), wanted.mass), (x, 0.0)]

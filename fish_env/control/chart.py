@@ -220,11 +220,9 @@ def magnification(scenes: Setting, substeps: int) -> np.ndarray:
 
 
 def converge(name: str, solve: Callable, apart: Callable, steps: tuple[int, int], allowed: float) -> tuple:
-    """A solution by RK4 whose steps are halved until nothing changes by more than is allowed, body lengths.
-
-    `solve` returns one by a number of steps a control interval, of which `steps` has the fewest and the most; `apart`
-    returns the distance of two. With it come its steps and the last change; NotConvergedError if the most do not do.
-    """
+    """A solution by RK4 whose steps are halved until nothing changes by more than is allowed, body lengths."""
+    # `solve` returns one by a number of steps a control interval, of which `steps` has the fewest and the most; `apart`
+    # returns the distance of two. With it come its steps and the last change; NotConvergedError if the most do not do.
     (substeps, most), change = steps, np.inf
     found = solve(substeps)
     while not change <= allowed:
@@ -240,10 +238,8 @@ def converge(name: str, solve: Callable, apart: Callable, steps: tuple[int, int]
 
 
 def reference(scenes: Setting, fewest: int = FEWEST, allowed: float = CONVERGED) -> Reference:
-    """RK4 with its steps halved until no predictable scene changes by more than is allowed, body lengths.
-
-    The fewest steps a control interval are as given, or twice, four times as many, where RK4 is stable.
-    """
+    """RK4 with its steps halved until no predictable scene changes by more than is allowed, body lengths."""
+    # The fewest steps a control interval are as given, or twice, four times as many, where RK4 is stable.
     fish = scenes.fish
     while fish.control_interval / fewest > 0.5 * INTEGRATORS["rk4"].base(fish.body):
         fewest *= 2
@@ -278,11 +274,9 @@ def lines(fish: Fish, world: World, steps: Mapping[str, Sequence[int]] = STEPS) 
 
 
 def measure(scenes: Setting, truth: Reference, line: Line, batch: int) -> tuple[dict[str, Any], np.ndarray]:
-    """A row: how the errors of a method at a step are distributed over the scenes with a kind, and the cost.
-
-    Errors are those of the predictable scenes in which no fish fails; `worst_of` is the family of the worst. All
-    errors (S,) come with it, nan where there is none.
-    """
+    """A row: how the errors of a method at a step are distributed over the scenes with a kind, and the cost."""
+    # Errors are those of the predictable scenes in which no fish fails; `worst_of` is the family of the worst. All
+    # errors (S,) come with it, nan where there is none.
     name, substeps, refine = line
     runs, count = [move(scenes, name, substeps, refine, batch) for _ in range(REPEATS)], len(scenes.kinds)
     alive = runs[0].alive
@@ -331,11 +325,9 @@ def draw_errors(panel, rows: Sequence[dict]) -> None:
 
 
 def recommend(scenes: Setting, rows: Sequence[dict], error: float) -> tuple[dict, str]:
-    """The least expensive row within an error, body lengths, or else the most accurate one, and a sentence about it.
-
-    Its method's largest safe step is the longest at and below which no fish fails, unrefined, and at most the limit of
-    linear theory.
-    """
+    """The least expensive row within an error, body lengths, or else the most accurate one, and a sentence about it."""
+    # Its method's largest safe step is the longest at and below which no fish fails, unrefined, and at most the limit
+    # of linear theory.
     fish, interval, fewest = scenes.fish, scenes.fish.control_interval, min(row["failed"] for row in rows)
     usable = [row for row in rows if row["failed"] == fewest and np.isfinite(row["geometric_mean"])]
     good = [row for row in usable if row["geometric_mean"] <= error]
@@ -356,12 +348,10 @@ def recommend(scenes: Setting, rows: Sequence[dict], error: float) -> tuple[dict
 
 
 def chart(fish: Fish, world: World, path: str | Path, error: float = 0.01, task: str | None = None) -> str:
-    """Measure methods and steps on a fish in water, write a chart and a table, and return which of them to take.
-
-    The chart is an .svg file, the table a .csv file of the same name. `error` is the wanted geometric mean, body
-    lengths. The commands are those of a task's policy in it, or random ones. ValueError for an error that is not
-    positive, an unknown task or a file that cannot be written; NotConvergedError without a reference.
-    """
+    """Measure methods and steps on a fish in water, write a chart and a table, and return which of them to take."""
+    # The chart is an .svg file, the table a .csv file of the same name. `error` is the wanted geometric mean, body
+    # lengths. The commands are those of a task's policy in it, or random ones. ValueError for an error that is not
+    # positive, an unknown task or a file that cannot be written; NotConvergedError without a reference.
     from matplotlib.figure import Figure
     from tqdm import tqdm
 

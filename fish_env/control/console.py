@@ -38,13 +38,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def run_command(name: str, command: Callable[[], int], install: str = INSTALL) -> int:
-    """The exit status of a command, 2 after a line on stderr for an error that a user can correct.
-
-    Args:
-        name: of the program, before the error.
-        command: gives its exit status.
-        install: the command that installs what is missing.
-    """
+    """The exit status of a command, 2 after a line on stderr for an error that a user can correct."""
     try:
         try:
             with warnings.catch_warnings():
@@ -82,10 +76,8 @@ def _discard_broken_output() -> None:
 
 @contextmanager
 def interrupt_once(signals: list[int]) -> Iterator[None]:
-    """A context in which SIGTERM and SIGHUP do what Ctrl-C does; after the first of them, no other interrupts.
-
-    A second one would end the saving. Those that come are added to the list. `nohup` works as usual.
-    """
+    """A context in which SIGTERM and SIGHUP do what Ctrl-C does; after the first of them, no other interrupts."""
+    # A second one would end the saving. Those that come are added to the list. `nohup` works as usual.
 
     def stop(number, frame):
         signals.append(number)

@@ -74,12 +74,7 @@ def environment_of(about: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
 
 
 def make_checked_env(env_id: str, options: Mapping[str, Any], render_mode: str | None = None) -> gym.Env:
-    """Create the environment that `environment_of` has checked, of one fish.
-
-    Raises:
-        gymnasium.error.Error: where Gymnasium has a name for what is wrong.
-        ValueError: for a keyword that is not allowed, or an environment that is not one of fish.
-    """
+    """Create the environment of one fish that `environment_of` has checked; else ValueError or Gymnasium's error."""
     with constructor_errors(env_id):
         env = gym.make(env_id, disable_env_checker=True, render_mode=render_mode, **options)
     bare = env.unwrapped
@@ -99,12 +94,7 @@ def make_checked_batch(env_id: str, options: Mapping[str, Any], num_envs: int) -
 
 
 def one_fish(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
-    """The bare environment of one fish, its id and its keywords.
-
-    Raises:
-        ValueError: for another environment, one that `gym.make` has not made, or one with wrappers that may change
-            observations, actions or rewards.
-    """
+    """The bare environment of one fish, its id and its keywords; ValueError if others made it or wrappers change it."""
     bare = getattr(env, "unwrapped", env)
     if not isinstance(bare, FishEnv):
         raise ValueError(f"the environment is a {type(bare).__name__}; give one fish: gym.make('FishEnv/Swim-v0')")

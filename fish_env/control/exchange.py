@@ -84,12 +84,7 @@ def write_onnx(parts: Mapping[str, Any], path: Path) -> None:
 
 
 def read_onnx(path: Path) -> tuple[dict[str, Any], Any]:
-    """The parts of a policy that `write_onnx` wrote, and the graph of its model.
-
-    Raises:
-        ImportError: without onnx.
-        ValueError: for another file.
-    """
+    """The parts of a policy that `write_onnx` wrote, and its graph; ImportError without onnx, ValueError for others."""
     onnx = load_onnx()
     try:
         model = onnx.load_model_from_string(path.read_bytes())

@@ -22,10 +22,8 @@ RATIO = 4
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A new file next to `path` to write to, which replaces `path` when the block ends without an error.
-
-    An interruption leaves the old file or the new one; a kill may leave a part under another name, a random one.
-    """
+    """A new file next to `path` to write to, which replaces `path` when the block ends without an error."""
+    # An interruption leaves the old file or the new one; a kill may leave a part under another name, a random one.
     partial = path.with_name(f".{path.stem[:40]}-partial-{secrets.token_hex(8)}{path.suffix}")  # of 255 bytes
     partial.touch(exist_ok=False)
     try:
@@ -50,11 +48,7 @@ def write_csv(path: Path, rows: Iterable[Iterable[Any]]) -> None:
 
 
 def writable_folder(folder: str | Path) -> Path:
-    """`folder`, made if it is missing, after a trial that a file can be written in it.
-
-    Raises:
-        ValueError: if it cannot be made or written to, with the system's reason.
-    """
+    """`folder`, made if it is missing; ValueError, with the system's reason, if no file can be written in it."""
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -68,15 +62,7 @@ def writable_folder(folder: str | Path) -> Path:
 
 
 def writable_file(path: str | Path, endings: tuple[str, ...]) -> Path:
-    """`path`, whose folder is made if it is missing, after a trial that a file can be written there.
-
-    Args:
-        path: the file; one that is there already stays as it is.
-        endings: how its name may end, such as `(".mp4", ".gif")`.
-
-    Raises:
-        ValueError: for another ending, for a folder, or if nothing can be written there.
-    """
+    """`path`, whose folder is made if missing; ValueError for another ending, a folder, or if it cannot be written."""
     path = Path(path)
     if path.suffix.lower() not in endings:
         raise ValueError(f"the file {path} ends in {path.suffix!r}; give a name that ends in {' or '.join(endings)}")
@@ -93,12 +79,7 @@ def writable_file(path: str | Path, endings: tuple[str, ...]) -> Path:
 
 
 def read_npz(path: Path, what: str, advice: str) -> dict[str, Any]:
-    """The arrays of a file by name; single numbers and texts as those of Python.
-
-    Raises:
-        ValueError: if it is truncated, damaged or pickled, or unpacks to more than `LARGEST` bytes and `RATIO` times
-            its size.
-    """
+    """The arrays of a file by name, single numbers and texts as Python's; ValueError if damaged or too large."""
     try:
         with path.open("rb") as file:
             unpacked = sum(part.file_size for part in zipfile.ZipFile(file).infolist())
@@ -124,16 +105,8 @@ def read_about(text: Any) -> dict[str, Any]:
 
 
 def check_arrays(parts: Mapping[str, Any], shapes: Mapping[str, tuple], types: Mapping[str, Any]) -> None:
-    """Check the arrays of a file.
-
-    Args:
-        parts: the arrays by name.
-        shapes: of every array; a text is a number that all its axes agree in.
-        types: of numpy, by name; those that are not there are floating-point numbers.
-
-    Raises:
-        ValueError: if one is missing or extra, of another type or shape, or not finite.
-    """
+    """ValueError unless the arrays have these names and shapes, are finite, and of these types, by default floats."""
+    # In a shape, a text is a number that all its axes agree in.
     if parts.keys() != shapes.keys():
         raise ValueError(f"it has missing or extra parts {sorted(parts.keys() ^ shapes.keys())}")
     sizes: dict[Any, int] = {}

@@ -44,15 +44,9 @@ def check_actions(actions: gym.Space, combined: bool = False) -> None:
 
 
 def normalisation_of(model: Any, combined: bool = False) -> Normalisation | None:
-    """How `VecNormalize` of a model's environment normalises observations; None if it does not.
-
-    Args:
-        model: of Stable-Baselines3, with the environment that it was trained in.
-        combined: the environment may have a wrapper of its own, which combines actions.
-
-    Raises:
-        ValueError: without an environment, or with wrappers that change observations or actions otherwise.
-    """
+    """How `VecNormalize` of a model's environment normalises observations; ValueError for other wrappers."""
+    # None if it does not. `combined`: the environment may have a wrapper of its own, which combines actions; no other
+    # may change them.
     env, found = model.get_env(), None
     if env is None:
         raise ValueError("the model has no environment, which may normalise; give it one: model.set_env(env)")
@@ -80,10 +74,8 @@ def _refuse(name: str) -> None:
 
 
 def _check_inside(env: Any) -> None:
-    """ValueError if single environments of a `VecEnv` have wrappers that may change what is seen or done.
-
-    Those of other processes are known by the names that an environment prints: <Monitor<TimeLimit<FishEnv<id>>>>.
-    """
+    """ValueError if single environments of a `VecEnv` have wrappers that may change what is seen or done."""
+    # Those of other processes are known by the names that an environment prints: <Monitor<TimeLimit<FishEnv<id>>>>.
     if type(env).__module__ == "fish_env.envs.sb3":  # a batch, which has none
         return
     if is_wrapper(env, ("DummyVecEnv",)):

@@ -12,12 +12,9 @@ Environments = Sequence[tuple[str, dict[str, Any]]]
 
 
 def print_means(records: list[dict]) -> None:
-    """Print the metrics of policies in environments of one id, a row each, and a column for each policy.
-
-    Args:
-        records: each with `policy` (its name), `env_id`, `env_options`, `means`, `intervals` (of shares), `episodes`
-            and `first_seed`.
-    """
+    """Print the metrics of policies in environments of one id, a row each, and a column for each policy."""
+    # A record has `policy` (its name), `env_id`, `env_options`, `means`, `intervals` (of shares), `episodes`,
+    # `first_seed`.
     rows = {}
     for metric in dict.fromkeys(metric for record in records for metric in record["means"]):
         values = [math.nan if record["means"].get(metric) is None else record["means"][metric] for record in records]

@@ -16,11 +16,7 @@ COUNTS = (1, 64)
 
 
 def stored_kernels() -> tuple[Path, set[Path]]:
-    """The folder of the compiled kernels, and the files in it.
-
-    Raises:
-        ValueError: if there is no such folder, or it cannot be written to.
-    """
+    """The folder of the compiled kernels, and the files in it; ValueError if there is no such folder."""
     if _cache._FOLDER is None:
         raise ValueError("there is no folder for compiled kernels; set FISH_ENV_CACHE to one that can be written to")
     folder = Path(_cache._FOLDER)
@@ -33,20 +29,8 @@ def compile_ahead(
     dtypes: Sequence[str] = ("float64",),
     integrator: str | None = None,
 ) -> Iterator[tuple[str, int, int]]:
-    """Compile what these tasks on these bodies need, one fish and many, with and without an environment.
-
-    Args:
-        tasks: keys of `fish_env.TASKS`.
-        bodies: keys of `fish_env.BODIES`.
-        dtypes: "float64", "float32" or both, what batches calculate in.
-        integrator: a key of `fish_env.INTEGRATORS`; None takes each body's own.
-
-    Yields:
-        What was compiled, how many kernels were stored for it, and how many there are in all.
-
-    Raises:
-        ValueError: for an unknown name, or if kernels cannot be stored.
-    """
+    """Compile what these tasks on these bodies need, one fish and many, with and without an environment."""
+    # It yields what was compiled, how many kernels were stored for it, and how many there are in all.
     check_names("unknown body", BODIES, *bodies)
     before = len(stored_kernels()[1])
     for body in bodies:

@@ -132,10 +132,8 @@ def midpoint(tank, sensors, b, s):
 
 @kernel
 def pressure_on(tank, sensors, b, k):
-    """Pressure of the water on a face that moves outward through it, Pa; zero on one that does not.
-
-    It is the law of `fish_env.physics.forces.water` between the landmarks, without the calibrated factor of a face.
-    """
+    """Pressure of the water on a face that moves outward through it, Pa; zero on one that does not."""
+    # It is the law of `fish_env.physics.forces.water` between the landmarks, without the calibrated factor of a face.
     faces, v, node = sensors.faces, tank.velocity, tank.node
     p, q, r, s = faces[k, 0], faces[k, 1], faces[k, 2], faces[k, 3]
     factors = tank.variation

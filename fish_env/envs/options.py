@@ -42,11 +42,7 @@ def checked_seeds(seed, count: int) -> list[int | None]:
 
 
 def checked_limit(steps) -> int | None:
-    """A time limit as an int; None for None and for -1, which is Gymnasium's word for no limit.
-
-    Raises:
-        ValueError: unless it is one of these or a whole number, at least 1.
-    """
+    """A time limit as an int, at least 1; None for None and for -1, Gymnasium's word for no limit; else ValueError."""
     if steps is None or (is_whole(steps) and steps == -1):
         return None
     if not (is_whole(steps) and 1 <= steps <= MOST_STEPS):
@@ -89,14 +85,9 @@ def fish_for(body: str, water: Any) -> Fish:
 
 
 def set_option(env, name: str, value: Any) -> None:
-    """Give an option of a batch another value, which counts from the episodes that begin next; `changed` notes it.
-
-    Weights of the reward, `failure_penalty` and `info_every_step` count from the next step.
-
-    Raises:
-        AttributeError: for an option that cannot be set while it runs, naming those that can.
-        ValueError: for a value that is not allowed.
-    """
+    """Give an option of a batch another value, which counts from the episodes that begin next; `changed` notes it."""
+    # Weights of the reward, `failure_penalty` and `info_every_step` count from the next step. AttributeError for an
+    # option that cannot be set while it runs, ValueError for a value that is not allowed.
     task = env.task
     if name not in env.settable:
         raise AttributeError(
@@ -121,11 +112,9 @@ def set_option(env, name: str, value: Any) -> None:
 
 
 def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any]:
-    """Value of an attribute, or result of a method, for each of some fish of a batch; AttributeError without it.
-
-    `reset`, `render`, `episode_info`, `step_info`, `get_state` and `set_state` are called for these fish alone. Any
-    other method is called for the batch: ValueError unless all fish are selected.
-    """
+    """Value of an attribute, or result of a method, for each of some fish of a batch; AttributeError without it."""
+    # `reset`, `render`, `episode_info`, `step_info`, `get_state` and `set_state` are called for these fish alone. Any
+    # other method is called for the batch: ValueError unless all fish are selected.
     which = list(which)
     if name == "reset":
         return reset_each(env, which, *args, **kwargs)

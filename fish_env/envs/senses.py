@@ -43,10 +43,8 @@ class Senses(NamedTuple):
 
 
 def checked_senses(observation_noise, action_noise, observation_delay, action_delay, history) -> Senses:
-    """The settings of these keywords; ValueError for what is not allowed, saying what is.
-
-    `check_delays` compares the delays with a time limit, `checked_noise` the noise with a layout.
-    """
+    """The settings of these keywords; ValueError for what is not allowed, saying what is."""
+    # `check_delays` compares the delays with a time limit, `checked_noise` the noise with a layout.
     if not isinstance(observation_noise, Mapping | None):
         raise ValueError(f"observation_noise is {observation_noise!r}; give a dict: a standard deviation for each part")
     if not (is_whole(history) and 0 <= history <= LONGEST_HISTORY):
@@ -155,10 +153,8 @@ def recall_action(env, b):
 
 @kernel
 def recall_observation(env, b):
-    """Remember what fish b observes, with noise, and fill its row with what arrives: late, and with its past.
-
-    Before the beginning of the episode, the first observation was observed, and the muscles were relaxed.
-    """
+    """Remember what fish b observes, with noise, and fill its row with what arrives: late, and with its past."""
+    # Before the beginning of the episode, the first observation was observed, and the muscles were relaxed.
     memory, out, now = env.memory, env.rows.observation, env.episode.elapsed[b]
     past, acted = memory.past_observation, memory.past_action
     frames, width, kept, actions = past.shape[1], past.shape[2], acted.shape[1], acted.shape[2]

@@ -172,10 +172,8 @@ class FishEnv(Keywords, gym.Env):
 
 
 def limits_of(env: gym.Env) -> list[TimeLimit]:
-    """The time limits round an environment through which its `reset` is called, which is being called.
-
-    Gymnasium does not tell an environment what is wrapped round it, so they are looked for among the callers.
-    """
+    """The time limits round an environment through which its `reset` is called, which is being called."""
+    # Gymnasium does not tell an environment what is wrapped round it, so they are looked for among the callers.
     found, frame = [], sys._getframe(1)
     while frame is not None:
         caller = frame.f_locals.get("self") if frame.f_code.co_name == "reset" else None

@@ -63,11 +63,9 @@ def make_observe(senses):
 
 @cache
 def make_measure_and_observe(kernels, senses):
-    """The kernel `(env, first, last, stepped)` for a task's kernels (look, score), or without a task for None.
-
-    It measures the fish queue.order[first:last], rewards them if they have stepped, and fills their observations.
-    Without a task it only measures.
-    """
+    """The kernel `(env, first, last, stepped)` for a task's kernels (look, score), or without a task for None."""
+    # It measures the fish queue.order[first:last], rewards them if they have stepped, and fills their observations.
+    # Without a task it only measures.
     if kernels is None:
 
         @part
@@ -154,11 +152,9 @@ def contract_all(env):
 
 @cached
 def make_step(names: tuple[str, ...], make_run, kernels, senses, env_type):
-    """The compiled `step(address, first, last, n, duration)` for an environment's pack of this type, by its address.
-
-    It returns False, and nothing has moved, for an action that is not finite. With n below zero it only measures and
-    observes the fish where they are: one compilation serves resets and steps.
-    """
+    """The compiled `step(address, first, last, n, duration)` for an environment's pack of this type, by its address."""
+    # It returns False, and nothing has moved, for an action that is not finite. With n below zero it only measures and
+    # observes the fish where they are: one compilation serves resets and steps.
     advance, env_at = make_advance(names, make_run), pack_at(env_type)
     measure_and_observe, remember = make_measure_and_observe(kernels, senses), senses[1]
 

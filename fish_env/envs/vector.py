@@ -305,12 +305,8 @@ def check_render_mode(mode, allowed: list[str]) -> None:
 
 
 def make_batch(id: str, num_envs: int, **options) -> FishVectorEnv:
-    """A registered batch of fish without wrappers: `gym.make_vec`, which may make anything, and a check.
-
-    Raises:
-        gymnasium.error.Error: for an id that is not registered, or has no batch of its own.
-        ValueError: for an option that is not allowed, or an environment that is not one of fish.
-    """
+    """A registered batch of fish without wrappers: `gym.make_vec`, which may make anything, and a check."""
+    # ValueError, or Gymnasium's error, for an id or an option that is not allowed.
     mode = gym.VectorizeMode.VECTOR_ENTRY_POINT
     try:
         batch = gym.make_vec(id, num_envs, vectorization_mode=mode, **options).unwrapped

@@ -13,11 +13,7 @@ SIGNATURE = types.void(types.int64, types.int64, types.int64, types.float64)
 
 
 def threads_pack(episodes) -> Pack:
-    """The pack of an environment for threads that move one fish at a time, each in a block of its own.
-
-    Raises:
-        ValueError: for a task in Python, or a method that no kernel steps.
-    """
+    """The pack of an environment for threads, each with a fish; ValueError for a task or a method without kernels."""
     engine = episodes.tank._engine
     if engine is None:
         raise ValueError(f"integrator {episodes.tank.integrator.name!r} runs on the processor only; choose another one")
@@ -29,11 +25,9 @@ def threads_pack(episodes) -> Pack:
 
 @cached
 def make_launch(names, make_run, kernels, senses, env_type):
-    """The kernel `launch(address, count, n, duration)`: a step of each fish order[:count] of the pack at an address.
-
-    Its threads take the fish in turn, so there may be fewer of them than fish; `step` says what n and duration are. A
-    fish whose action is not finite stays as it is.
-    """
+    """The kernel `launch(address, count, n, duration)`: a step of each fish order[:count] of the pack at an address."""
+    # Its threads take the fish in turn, so there may be fewer of them than fish; `step` says what n and duration are. A
+    # fish whose action is not finite stays as it is.
     cuda, step = load(), make_step(names, make_run, kernels, senses, env_type)
 
     def launch(address, count, n, duration):

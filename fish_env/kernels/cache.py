@@ -49,11 +49,9 @@ def _sources(folder: Path, above: str = "") -> Iterator[tuple[str, bytes]]:
 
 
 def cache_folder() -> str | None:
-    """Folder of compiled kernels, created if necessary; None (with a warning) if none can be written.
-
-    It is FISH_ENV_CACHE, or in NUMBA_CACHE_DIR, XDG_CACHE_HOME, LOCALAPPDATA or ~/.cache, or else a
-    private one among the temporary files. Compiled kernels are pickles, so only the user may write to it.
-    """
+    """Folder of compiled kernels, created if necessary; None (with a warning) if none can be written."""
+    # It is FISH_ENV_CACHE, or in NUMBA_CACHE_DIR, XDG_CACHE_HOME, LOCALAPPDATA or ~/.cache, or else a private one among
+    # the temporary files. Compiled kernels are pickles, so only the user may write to it.
     name = f"{source_hash(rooms=ROOMS)}-py{sys.version_info.major}{sys.version_info.minor}"
     if os.environ.get("FISH_ENV_CACHE"):
         return chosen_folder(Path(os.environ["FISH_ENV_CACHE"]).expanduser() / name)
@@ -82,11 +80,9 @@ def cache_folder() -> str | None:
 
 
 def others_write(path: Path) -> Path | None:
-    """First of a path and its parent folders whose content another user can change, or None.
-
-    The administrator is trusted, and a group with the number of its user. Sticky folders, such as that of temporary
-    files, protect files of others.
-    """
+    """First of a path and its parent folders whose content another user can change, or None."""
+    # The administrator is trusted, and a group with the number of its user. Sticky folders, such as that of temporary
+    # files, protect files of others.
     if not hasattr(os, "getuid"):
         return None
     for each in (path, *path.resolve().parents):
@@ -124,10 +120,9 @@ _FOLDER = cache_folder()
 
 
 class Place:
-    """Cache locator of a function, for numba: a subfolder with the name of the function's package.
+    """Cache locator of a function, for numba: a subfolder with the name of the function's package."""
 
-    Numba's own are named after the path of the sources, which differs between machines, and reject read-only folders.
-    """
+    # Numba's own are named after the path of the sources, which differs between machines, and reject read-only folders.
 
     def __init__(self, function, file):
         package, _, _ = function.__module__.rpartition(".")
@@ -162,11 +157,10 @@ class Stored(CompileResultCacheImpl):
 
 
 class KeyedFiles(IndexDataCacheFile):
-    """Files of compiled code, named by a hash of their key; a damaged one, whose checksum differs, counts as missing.
+    """Files of compiled code, named by a hash of their key; a damaged one, by its checksum, counts as missing."""
 
-    Numba numbers files by an index without a lock: of two processes that compile two closures of one function, one may
-    then load the code of the other.
-    """
+    # Numba numbers files by an index without a lock: of two processes that compile two closures of one function, one
+    # may then load the code of the other.
 
     def save(self, key, data):
         """Store compiled code."""

@@ -39,11 +39,9 @@ if hasattr(os, "register_at_fork"):
 
 @contextmanager
 def name_by_content(function):
-    """Compile a function in this block, in which its name contains a hash of its content.
-
-    The loader resolves all calls of one name to the first part of that name that is not inlined. Numba distinguishes
-    such names only within a process, so a third process could confuse functions that two others have stored.
-    """
+    """Compile a function in this block, in which its name contains a hash of its content."""
+    # The loader resolves all calls of one name to the first part of that name that is not inlined. Numba distinguishes
+    # such names only within a process, so a third process could confuse functions that two others have stored.
     with global_compiler_lock:
         plain = function.__qualname__
         try:
@@ -58,10 +56,9 @@ def name_by_content(function):
 
 
 class Kernel(CPUDispatcher):
-    """A kernel that Python calls.
+    """A kernel that Python calls."""
 
-    Signals during its compilation are deferred: an exception would leave numba in an inconsistent state.
-    """
+    # Signals during its compilation are deferred: an exception would leave numba in an inconsistent state.
 
     def compile(self, sig):
         collecting = gc.isenabled()
@@ -86,10 +83,9 @@ def njit(function):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class PartLowering(NativeLowering):
-    """Lowering of a part to LLVM's language only, which halves its cost; its callers optimise and assemble it.
+    """Lowering of a part to LLVM's language only, which halves its cost; its callers optimise and assemble it."""
 
-    It must not be loaded either: callers that do not inline the part would find this unoptimised version first.
-    """
+    # It must not be loaded either: callers that do not inline the part would find this unoptimised version first.
 
     _name = "part_lowering"
 

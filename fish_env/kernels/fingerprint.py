@@ -32,11 +32,7 @@ class UnknownValueError(TypeError):
 
 
 def fingerprint(function: FunctionType) -> str:
-    """Fingerprint of a function, 64 hexadecimal digits.
-
-    Raises:
-        UnknownValueError: if it depends on an object that is not known by value; the message names it.
-    """
+    """Fingerprint of a function, 64 hexadecimal digits; UnknownValueError names an object not known by value."""
     digest = hashlib.sha256()
     for part in _function(function, {}):
         digest.update(len(part).to_bytes(8, "little"))

@@ -8,11 +8,9 @@ from numba.core import event
 
 
 class Progress(event.Listener):
-    """Listener that reports compilation on standard error: in a terminal a line that is updated, elsewhere one line.
+    """Listener that reports compilation on standard error: in a terminal a line that is updated, elsewhere one line."""
 
-    It begins after PATIENCE seconds. Above a progress bar of tqdm it is one line, too. FISH_ENV_QUIET=1 turns it off.
-
-    """
+    # It begins after PATIENCE seconds. Above a progress bar of tqdm it is one line, too. FISH_ENV_QUIET=1 turns it off.
 
     def __init__(self):
         self.since, self.count = time.perf_counter(), 0

@@ -66,11 +66,9 @@ class Threads:
         self._queue, self._process = None, 0
 
     def run(self, work: Callable, jobs: list[tuple]) -> None:
-        """Call `work(*job)` for every job in parallel, and raise an error of one when all have ended.
-
-        An interruption of the wait, such as Ctrl-C, is also raised then. Therefore all actions may be repeated, and
-        locks are those that Python acquires and releases atomically.
-        """
+        """Call `work(*job)` for every job in parallel, and raise an error of one when all have ended."""
+        # An interruption of the wait, such as Ctrl-C, is also raised then. Therefore all actions may be repeated, and
+        # locks are those that Python acquires and releases atomically.
         if not jobs:
             return
         queue, shared, interruption = self._started(), Jobs(work, jobs), None

@@ -104,15 +104,7 @@ def changed_body(original: ElasticObject, settings: dict[str, Any]) -> Body:
 
 
 class SimulatedObject:
-    """An object that moves, and actions on it.
-
-    Args:
-        entry: choice of the object.
-        settings: values of all SETTINGS.
-
-    Raises:
-        ValueError: for too many nodes, or a method that cannot move the object there.
-    """
+    """An object that moves, and actions on it; ValueError for too many nodes, or a method that cannot move it there."""
 
     def __init__(self, entry: Entry, settings: dict[str, Any]):
         given = {"water": entry.water} if entry.water else {}
@@ -209,10 +201,8 @@ class SimulatedObject:
         return signed_volume(now, self.faces) / signed_volume(rest, self.faces)
 
     def strains(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes (K,n) of tetrahedra or else springs, and their strains (K,).
-
-        That of a tetrahedron is the principal stretch that differs most from 1, less 1.
-        """
+        """Nodes (K,n) of tetrahedra or else springs, and their strains (K,)."""
+        # That of a tetrahedron is the principal stretch that differs most from 1, less 1.
         body, x = self.tank.fish.body, self.position
         if body.tets is None:
             nodes = body.springs.nodes
@@ -230,10 +220,8 @@ class SimulatedObject:
         return float(size.max()), int(nodes[size.argmax(), 0])
 
     def tone(self) -> np.ndarray:
-        """Mean strain at every node (N,), from -1, shortened, to 1, stretched, on a scale of roots.
-
-        So a strain of one percent is visible next to one of thirty, at the end of the scale.
-        """
+        """Mean strain at every node (N,), from -1, shortened, to 1, stretched, on a scale of roots."""
+        # So a strain of one percent is visible next to one of thirty, at the end of the scale.
         nodes, strain = self.strains()
         count = np.bincount(nodes.ravel(), minlength=len(self.position))
         total = np.bincount(nodes.ravel(), np.repeat(strain, nodes.shape[1]), minlength=len(self.position))
@@ -251,13 +239,7 @@ def signed_volume(x: np.ndarray, faces: np.ndarray) -> float:
 
 
 class ObjectScene(Scene):
-    """One to three objects that are looked at and touched, all under the same conditions.
-
-    Args:
-        entries: the objects.
-        title, hint: of the scene.
-        settings: those of SETTINGS that are not their defaults.
-    """
+    """One to three objects that are looked at and touched, under the same conditions: SETTINGS, or those given."""
 
     def __init__(self, entries: Sequence[Entry], title="", hint="", **settings):
         self.title, self.hint = title, hint
@@ -295,10 +277,8 @@ class ObjectScene(Scene):
         self.reset()
 
     def set(self, name: str, value: Any) -> None:
-        """Change one of SETTINGS while the objects move; ValueError, and nothing has changed, if that is impossible.
-
-        After a failure they start again.
-        """
+        """Change one of SETTINGS while the objects move; ValueError, and nothing has changed, if that is impossible."""
+        # After a failure they start again.
         settings = self.settings | {name: value}
         self.objects, self.settings, self.dragged = with_settings(self.objects, settings), settings, None
         if self.failure:
@@ -333,10 +313,8 @@ class ObjectScene(Scene):
         self.advance(self.objects[0].tank.dt)
 
     def distance_of(self, number: int) -> float:
-        """Distance of an object from the first one, in lengths of the first.
-
-        Root mean square over landmarks of fish or over as many nodes; of other objects, between the centres of mass.
-        """
+        """Distance of an object from the first one, in lengths of the first."""
+        # Root mean square over landmarks of fish or over as many nodes; of other objects, between the centres of mass.
         first, other = self.objects[0], self.objects[number]
         a, b = (each.look.marks(each.position) for each in (first, other))
         if len(a) != len(b):

@@ -59,13 +59,9 @@ async def wait_for(connection: ServerConnection, work: Callable[..., Any], *give
 
 
 class Laboratory:
-    """A server that gives every browser a session of its own, and ends it when the browser leaves.
+    """A server that gives every browser a session of its own, and ends it when the browser leaves."""
 
-    The next free port is taken if the one given is in use.
-
-    Raises:
-        ValueError: if the address cannot be listened at.
-    """
+    # The next free port is taken if the one given is in use; ValueError if none can be listened at.
 
     def __init__(self, host: str, port: int, user: Callable[[], Scene] | None = None):
         self.host, self.user, self._hosts = host, user, hosts_of(host)

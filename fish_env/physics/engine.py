@@ -32,11 +32,9 @@ FACTORISATIONS = 1  # index of the count that reused factors reduce
 
 @kernel
 def gather(tank, block, todo, p, q):
-    """Copy fish todo[p:q] into the lanes of a block; the last fish also fills the unused lanes.
-
-    Positions are relative to each fish's first node if `block.relative`: single precision is insufficient far from the
-    origin.
-    """
+    """Copy fish todo[p:q] into the lanes of a block; the last fish also fills the unused lanes."""
+    # Positions are relative to each fish's first node if `block.relative`: single precision is insufficient far from
+    # the origin.
     control = block.control
     x, v, start, rate = floats(block.x), floats(block.v), floats(control.start), floats(control.rate)
     rest, stiffness, drag = floats(control.rest_length), floats(control.stiffness), floats(control.drag)
@@ -105,10 +103,8 @@ def end_of_block(queue, todo, p, count, lanes):
 
 @forces.cached
 def make_failure_codes(names: tuple[str, ...]):
-    """Make the kernel that returns the failure codes of a block, for the forces of these names.
-
-    It returns one number per lane: 0, or an index into FAILURES.
-    """
+    """Make the kernel that returns the failure codes of a block, for the forces of these names."""
+    # It returns one number per lane: 0, or an index into FAILURES.
     failed, placed = forces.total(names, "failed"), forces.depend_on_position(names)
 
     @part
@@ -136,10 +132,8 @@ def make_finish(names: tuple[str, ...]):
 
     @part
     def restore_rest_state(tank, block, p, q):
-        """Move fish whose state was invalid at the start, as set by a user, to the body's rest position.
-
-        Rest lengths that are not finite become natural lengths, and a clock that is not finite becomes zero.
-        """
+        """Move fish whose state was invalid at the start, as set by a user, to the body's rest position."""
+        # Rest lengths that are not finite become natural lengths, and a clock that is not finite becomes zero.
         gather(tank, block, block.todo, p, q)
         code = failure_codes(block)
         for m in range(q - p):
@@ -241,11 +235,7 @@ def with_flows(make_run):
 
 
 class Engine:
-    """The compiled method of a tank, with its working memory.
-
-    Args:
-        tank: the tank whose arrays it advances.
-    """
+    """The compiled method of a tank, with its working memory."""
 
     def __init__(self, tank: "Tank"):
         fish, world, b = tank.fish, tank.world, tank.num_fish

@@ -14,10 +14,8 @@ from fish_env.kernels.compile import INDEX, kernel, njit
 
 @kernel
 def command(tank, goals, b, duration):
-    """Set the rates of the fibres of fish b, for the part of the contractions (B,M) that they reach in `duration` s.
-
-    The effort is the mean square of their changes, relative to the largest possible change.
-    """
+    """Set the rates of the fibres of fish b, for the part of the contractions (B,M) that they reach in `duration` s."""
+    # The effort is the mean square of their changes, relative to the largest possible change.
     strength, squares = tank.muscle_variation[b, 0], 0.0
     limit = duration / (tank.contraction_time * tank.muscle_variation[b, 1])
     for m in range(tank.fibres.size):

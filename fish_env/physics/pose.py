@@ -33,11 +33,9 @@ def packed_pose(pose: Pose) -> Pack:
 
 @kernel
 def measure(tank, pose, b):
-    """Fill the pose of fish b from the positions and velocities of its nodes.
-
-    Forward is the sum of the positions times the weights `Fish.line`; left is the mean of the differences from `right`
-    to `left`, made orthogonal to it; up is their cross product (docs/physics-more.md, eq. 45).
-    """
+    """Fill the pose of fish b from the positions and velocities of its nodes."""
+    # Forward is the sum of the positions times the weights `Fish.line`; left is the mean of the differences from
+    # `right` to `left`, made orthogonal to it; up is their cross product (docs/physics-more.md, eq. 45).
     x, v = tank.position, tank.velocity
     middle = drift = ahead = aside = vec3(0.0, 0.0, 0.0)
     total = 0.0

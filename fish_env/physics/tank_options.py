@@ -55,15 +55,7 @@ def checked_count(value, name: str) -> int:
 
 
 def check_scene(fish: ElasticObject, world: World, integrator: Integrator, energy=False, count=1) -> None:
-    """Raise ValueError if fish or world are inconsistent, or if the method cannot move so many bodies there.
-
-    Args:
-        fish: the bodies.
-        world: their surroundings.
-        integrator: the method.
-        energy: whether it is to measure energy flows, True or False.
-        count: number of the bodies.
-    """
+    """Raise ValueError if fish or world are inconsistent, or if the method cannot move so many bodies there."""
     check_objects(fish, world)
     if (world.added_mass is not None or world.righting) and fish.body.sections is None:
         raise ValueError(

@@ -68,10 +68,8 @@ def draw_quads(surface: pygame.Surface, colours: np.ndarray, corners: np.ndarray
 
 
 def groups(array: np.ndarray, *sizes: int):
-    """The numbers of an array in tuples, or tuples of tuples, of the sizes, inner first.
-
-    Made one at a time, unlike with `tolist`: thousands of lists at once would set off the garbage collector.
-    """
+    """The numbers of an array in tuples, or tuples of tuples, of the sizes, inner first."""
+    # Made one at a time, unlike with `tolist`: thousands of lists at once would set off the garbage collector.
     numbers = iter(array.ravel().tolist())
     for size in sizes:
         numbers = zip(*[numbers] * size, strict=True)
@@ -79,10 +77,8 @@ def groups(array: np.ndarray, *sizes: int):
 
 
 def shade(normal: np.ndarray, thin: np.ndarray, colour: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Colours (Q,3) uint8 under light from one side, with a wet gleam and darker rims; normals in the axes of the view.
-
-    What is thin (Q,) bool has neither inside nor rim, and light shines through it.
-    """
+    """Colours (Q,3) uint8 under light from one side, with a wet gleam and darker rims; normals in axes of the view."""
+    # What is thin (Q,) bool has neither inside nor rim, and light shines through it.
     facing = np.clip(normal @ light, 0.0, None)
     half = light + np.array((0.0, 0.0, 1.0))
     gleam = 62.0 * np.clip(normal @ (half / np.linalg.norm(half)), 0.0, None) ** 22

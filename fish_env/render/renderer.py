@@ -23,12 +23,7 @@ class WindowClosed(gym.error.Error):
 
 
 class Renderer:
-    """Draws the fish of a `FishVectorEnv`, with the paths they swam between the calls of `render`.
-
-    Args:
-        env: the environment. Its `render_mode` says whether `render` returns pictures or shows a window, its `picture`
-            what they look like: the fields of a `Format`.
-    """
+    """Draws the fish of a `FishVectorEnv` as its `render_mode` and `picture` say, with the paths they have swum."""
 
     def __init__(self, env):
         if env.render_mode == "human" and not has_display():
@@ -45,13 +40,9 @@ class Renderer:
             self._paths[i].clear()
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """A picture (H,W,3) uint8 of each fish, or None after showing them in the window ("human").
-
-        Raises:
-            WindowClosed: if the user closed the window or pressed Escape.
-            RuntimeError: if there is no display to open a window on.
-            gymnasium.error.ResetNeeded: before the first `reset`.
-        """
+        """A picture (H,W,3) uint8 of each fish, or None after showing them in the window ("human")."""
+        # WindowClosed if the user closed the window or pressed Escape, RuntimeError if there is no display to open one
+        # on, and ResetNeeded before the first `reset`.
         if not self.env._started:
             raise gym.error.ResetNeeded("render was called before reset; call env.reset() first")
         self._remember()

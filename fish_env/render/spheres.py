@@ -23,10 +23,8 @@ Sprite = tuple[pygame.Surface, tuple[int, int]]
 
 
 def sphere_pictures(frame: Frame, view: View, canvas: tuple[int, int]) -> tuple[list[Sprite], list[Sprite]]:
-    """Pictures of spheres behind the fish and of those in front of it, the furthest first; none far off the canvas.
-
-    canvas is its width and height, pixels. A bubble is always behind: a fish that reaches it should be seen whole.
-    """
+    """Pictures of spheres behind the fish and of those in front of it, the furthest first; none far off the canvas."""
+    # canvas is its width and height, pixels. A bubble is always behind: a fish that reaches it should be seen whole.
     behind, front = [], []
     pixels, depth = view.project(frame.spheres[:, :3])
     light = tuple(view.light.tolist())

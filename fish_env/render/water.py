@@ -27,10 +27,8 @@ def from_pixels(pixels: np.ndarray) -> pygame.Surface:
 
 @lru_cache(maxsize=4)
 def ripples(size: int) -> pygame.Surface:
-    """A net of light on the bed, size x size pixels, that joins itself at every edge.
-
-    The bright lines run where two of a set of scattered points are equally near.
-    """
+    """A net of light on the bed, size x size pixels, that joins itself at every edge."""
+    # The bright lines run where two of a set of scattered points are equally near.
     grid = np.arange(size // 3) / (size // 3)
     x, y = np.meshgrid(grid, grid)
     for wave, bend in ((2, 0.022), (5, 0.007)):
@@ -77,10 +75,8 @@ def sheet(side: int) -> pygame.Surface:
 
 
 def draw_bed(canvas: pygame.Surface, unit: float, centre, origin, pen: float) -> None:
-    """Fill the canvas with rippling water and the grid; unit is pixels a body length, pen the width of lines.
-
-    The place `centre` (2,), in body lengths, comes to the pixel `origin`; y points up.
-    """
+    """Fill the canvas with rippling water and the grid; unit is pixels a body length, pen the width of lines."""
+    # The place `centre` (2,), in body lengths, comes to the pixel `origin`; y points up.
     line = max(1, round(3 * pen))
     tile = ripples(round(REPEAT * unit))
     size = tile.get_width()

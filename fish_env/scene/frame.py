@@ -70,14 +70,7 @@ def command_arrows(middle, command, length, spheres=(), touchable=False) -> list
 
 
 def make_frame(env, i: int = 0, path: np.ndarray | None = None, look: Look | None = None) -> Frame:
-    """The frame of fish i of a `FishVectorEnv`.
-
-    Args:
-        env: the environment.
-        i: number of the fish.
-        path: (K,3) m, or None for only the place it is at.
-        look: of its fish, worked out before.
-    """
+    """The frame of fish i of a `FishVectorEnv`, with the path (K,3) m to where it is, and a look worked out before."""
     tank, pose, fish = env.tank, env._pose, env.tank.fish
     spheres, touchable = getattr(env.task, "spheres", None), bool(getattr(env.task, "touchable", False))
     balls = np.zeros((0, 4)) if spheres is None else spheres(i)
@@ -98,10 +91,8 @@ def make_frame(env, i: int = 0, path: np.ndarray | None = None, look: Look | Non
 
 
 def clip_positions(frame: Frame) -> Frame:
-    """The frame with places far off drawn nearer, and zero for what is no number: painters work in whole pixels.
-
-    A node further than FAR from the fish is off the picture there, too; a fish is at most FURTHEST away.
-    """
+    """The frame with places far off drawn nearer, and zero for what is no number: painters work in whole pixels."""
+    # A node further than FAR from the fish is off the picture there, too; a fish is at most FURTHEST away.
     furthest, far = FURTHEST * frame.length, FAR * frame.length
     middle = np.clip(np.nan_to_num(frame.middle), -furthest, furthest)
 
@@ -117,10 +108,8 @@ def clip_positions(frame: Frame) -> Frame:
 
 
 def pack_frame(frame: Frame, looks: list[Look]) -> tuple[dict[str, Any], np.ndarray]:
-    """A frame for `renderer.js`, in body lengths: what is JSON, and the numbers of the bodies, float32, in one row.
-
-    Bodies give the number of their look, and how many nodes, muscles and strains they have.
-    """
+    """A frame for `renderer.js`, in body lengths: what is JSON, and the numbers of the bodies, float32, in one row."""
+    # Bodies give the number of their look, and how many nodes, muscles and strains they have.
     scale = 1.0 / frame.length
     floor = frame.middle[2] - 0.5 * frame.length if np.isinf(frame.floor) else frame.floor
     number = {id(look): k for k, look in enumerate(looks)}

@@ -123,10 +123,8 @@ def pack_look(look: Look) -> dict[str, Any]:
 
 
 def pack_numbers(array: np.ndarray) -> dict[str, Any]:
-    """Numbers (..., K) in 16 bits, from the lowest to the highest of each of the K columns.
-
-    The error is at most half of `step`: of 10 m of water it is 0.08 mm.
-    """
+    """Numbers (..., K) in 16 bits, from the lowest to the highest of each of the K columns."""
+    # The error is at most half of `step`: of 10 m of water it is 0.08 mm.
     columns = np.asarray(array, dtype=np.float64).reshape(-1, array.shape[-1])
     low = columns.min(axis=0) if len(columns) else np.zeros(columns.shape[1])
     step = (columns.max(axis=0) - low if len(columns) else low) / STEPS

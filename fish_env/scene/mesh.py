@@ -4,11 +4,9 @@ import numpy as np
 
 
 def smooth(faces: np.ndarray, num_nodes: int, levels: int, pinned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (V,N) that turn node positions into points of the smooth surface, and its quadrilaterals (Q,4).
-
-    Smoothing pulls every node inwards. The nodes `pinned` are first moved out so far that the surface passes through
-    them: the nose and the tips of the tail stay where they are.
-    """
+    """Weights (V,N) that turn node positions into points of the smooth surface, and its quadrilaterals (Q,4)."""
+    # Smoothing pulls every node inwards. The nodes `pinned` are first moved out so far that the surface passes through
+    # them: the nose and the tips of the tail stay where they are.
     polygons = [tuple(dict.fromkeys(face)) for face in faces.tolist()]
     weights = np.eye(num_nodes)
     for _ in range(levels):
@@ -23,10 +21,8 @@ def smooth(faces: np.ndarray, num_nodes: int, levels: int, pinned: np.ndarray) -
 
 
 def subdivide(polygons: list[tuple], n: int) -> tuple[np.ndarray, list[tuple]]:
-    """One Catmull-Clark step: weights (V,n), and quadrilaterals of the V nodes: the n old ones, then edges, then faces.
-
-    At a hole the border is kept as it is.
-    """
+    """One Catmull-Clark step: weights (V,n), and quadrilaterals of V nodes: the n old ones, then edges, then faces."""
+    # At a hole the border is kept as it is.
     touching: dict[tuple, list] = {}
     for f, polygon in enumerate(polygons):
         for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True):

@@ -36,10 +36,8 @@ class Surface(NamedTuple):
 
 
 def skin_of(rest, faces, muscles, levels: int = LEVELS) -> tuple[Surface, np.ndarray]:
-    """The skin of a body at rest (L,3) with faces (F,4) and muscle landmark pairs (M,2), and weights (2,L) of its eyes.
-
-    It is subdivided so many times; the left eye is the first.
-    """
+    """The skin of a body at rest (L,3) with faces (F,4) and muscle landmarks (M,2), and weights (2,L) of its eyes."""
+    # It is subdivided `levels` times; the left eye is the first.
     parts = (np.ascontiguousarray(rest, dtype=float), np.asarray(faces, np.int64), np.asarray(muscles, np.int64))
     return _skin(*(part.tobytes() for part in parts), levels)
 
@@ -124,11 +122,8 @@ def muscle_influence(middle, ends, length) -> np.ndarray:
 
 
 def fins(weights: np.ndarray, points: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
-    """Fins on back, belly and flanks of a skin at rest, points (V,3) = weights (V,N) @ nodes, m.
-
-    Returns:
-        weights of their points (P,N), and quadrilaterals (R,4) that number them from V on.
-    """
+    """Fins on back, belly and flanks of a skin at rest, points (V,3) = weights (V,N) @ nodes, m."""
+    # Weights of their points (P,N), and quadrilaterals (R,4) that number them from V on.
     angles = np.radians(np.linspace(62.0, 8.0, PECTORAL_RAYS))
     reach = PECTORAL * np.sin(np.pi * np.linspace(0.16, 0.86, PECTORAL_RAYS)) ** 0.4  # with a round edge
     fan = ((0.225, 0.225), reach * np.sin(angles), reach * np.cos(angles))

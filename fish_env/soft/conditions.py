@@ -71,10 +71,8 @@ class Conditions(NamedTuple):
         return join_anchors(self.drag, self.penalties)
 
     def with_motion(self, nodes: np.ndarray, axes: np.ndarray, along, penalty: Anchors | None) -> Conditions:
-        """Conditions when nodes (K,) start a prescribed motion along some axes (3,); see `Tank.move` for the arguments.
-
-        `penalty` holds the springs that draw them to their places, with zero velocity; None stands for elimination.
-        """
+        """Conditions when nodes (K,) start a prescribed motion along some axes (3,): see `Tank.move`."""
+        # `penalty` holds the springs that draw them to their places, with zero velocity; None stands for elimination.
         velocity, motions = np.zeros((nodes.size, 3)), ()
         if callable(along):
             motion = Motion(nodes, axes, along, np.tile(axes, (nodes.size, 1)))
@@ -294,14 +292,9 @@ def largest_entry(body: Body) -> float:
 
 
 def make_penalty(body: Body, nodes, point, velocity=(0.0, 0.0, 0.0), multiple=PENALTY) -> Anchors:
-    """Critically damped springs of zero length from nodes (K,) to points (K,3) m that move at a velocity, m/s.
-
-    Their stiffness is `multiple` times the largest entry of the stiffness matrix. The damping is critical for the mass
-    of their own node.
-
-    Raises:
-        ValueError: for an invalid number, or a body without stiffness.
-    """
+    """Critically damped springs of zero length from nodes (K,) to points (K,3) m that move at a velocity, m/s."""
+    # Their stiffness is `multiple` times the largest entry of the stiffness matrix. The damping is critical for the
+    # mass of their own node. ValueError for an invalid number, or a body without stiffness.
     stiffness = multiple * largest_entry(body)
     if not stiffness > 0.0:
         raise ValueError("the body has no stiffness for a penalty to be a multiple of; hold it by elimination")
@@ -310,11 +303,7 @@ def make_penalty(body: Body, nodes, point, velocity=(0.0, 0.0, 0.0), multiple=PE
 
 
 def make_anchors(node, point, stiffness, damping=0.0, rest_length=0.0, velocity=(0.0, 0.0, 0.0)) -> Anchors:
-    """Springs from nodes (A,) to points (A,3) m; the other arguments are one number for all, or one each.
-
-    Raises:
-        ValueError: for an invalid part; the message names it, its value and the valid values.
-    """
+    """Springs from nodes (A,) to points (A,3) m; all else is one number or one each. ValueError for an invalid part."""
     nodes = node_array(np.reshape(node, (-1, 1)), 1, np.iinfo(np.int64).max, "anchors")[:, 0].copy()
     a = nodes.size
 

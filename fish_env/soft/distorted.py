@@ -25,12 +25,9 @@ DISTORTIONS: dict[str, Callable[[ElasticObject], np.ndarray]] = {"twisted": twis
 
 
 def distort(thing: ElasticObject, how: str) -> np.ndarray:
-    """Twist or invert an object; returns positions (N,3) m.
-
-    Raises:
-        ValueError: for an object in a plane or on a line; or if springs alone make it up, which are at rest in its
-            mirror image too.
-    """
+    """Twist or invert an object; returns positions (N,3) m, or raises ValueError for one that cannot be."""
+    # An object in a plane or on a line cannot; nor can one of springs alone be inverted, which are at rest in its
+    # mirror image too.
     body = thing.body
     if not np.ptp(body.position, axis=0).all():
         raise ValueError(f"the {thing.name} lies in a plane or on a line and cannot be {how}; give a solid object")

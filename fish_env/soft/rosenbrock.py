@@ -128,10 +128,8 @@ def set_middle(flows, x, v, a, half, y):
 
 
 def make_compare(names: tuple[str, ...]):
-    """Make the kernel that subtracts twice the first stage's acceleration from the second's, times the mass.
-
-    With added mass, the second is that of the stage's positions, and the mass that of the start of the step.
-    """
+    """Make the kernel that subtracts twice the first stage's acceleration from the second's, times the mass."""
+    # With added mass, the second is that of the stage's positions, and the mass that of the start of the step.
     add_reaction, add_inertia = forces.total(names, "add_reaction"), forces.total(names, "add_inertia")
     heavy = forces.any_has(names, "add_inertia")
 

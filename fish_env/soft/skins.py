@@ -85,11 +85,9 @@ def edges_of(faces) -> np.ndarray:
 
 
 def layer_springs(skin: Skin) -> tuple[np.ndarray, dict[str, slice]]:
-    """Springs (4 E + n, 2) of an outer skin, nodes 0 to n - 1, and an inner one, n to 2 n - 1; which are which (KINDS).
-
-    Radius springs join a node and its partner; shear springs the two ends of an edge across the layers: left ones the
-    inner first end and the outer second, right ones the other two (ch. 3.4.1).
-    """
+    """Springs (4 E + n, 2) of an outer skin, nodes 0 to n - 1, and an inner one, n to 2 n - 1; slices by KINDS."""
+    # Radius springs join a node and its partner; shear springs the two ends of an edge across the layers: left ones the
+    # inner first end and the outer second, right ones the other two (ch. 3.4.1).
     n, (a, b) = len(skin.place), skin.edges.T
     nodes = np.arange(n)
     parts = [(a, b), (a + n, b + n), (nodes, nodes + n), (a + n, b), (b + n, a)]
@@ -99,11 +97,9 @@ def layer_springs(skin: Skin) -> tuple[np.ndarray, dict[str, slice]]:
 
 
 def barrier_pairs(skin: Skin) -> tuple[np.ndarray, np.ndarray]:
-    """Outer triangles (K,3), or edges (K,2), that a barrier keeps an inner node (K,) behind.
-
-    They are those with a corner next to the node's partner, or at most NEARBY from it: in an impact, nodes of a fine
-    mesh pass the faces beside their own first.
-    """
+    """Outer triangles (K,3), or edges (K,2), that a barrier keeps an inner node (K,) behind."""
+    # They are those with a corner next to the node's partner, or at most NEARBY from it: in an impact, nodes of a fine
+    # mesh pass the faces beside their own first.
     n, faces, (a, b) = len(skin.place), skin.faces, skin.edges.T
     if faces.shape[1] > 2:
         faces = np.concatenate([faces[:, :3], faces[faces[:, 2] != faces[:, 3]][:, [2, 3, 0]]])
@@ -114,13 +110,8 @@ def barrier_pairs(skin: Skin) -> tuple[np.ndarray, np.ndarray]:
 
 
 def tensions(skin: Skin) -> np.ndarray:
-    """Pulls (E,) of the edges that balance a unit pressure inside the skin of unit radius, by least squares.
-
-    Those of radius R and pressure p are p R^2 times as much, of a line p R times.
-
-    Raises:
-        ValueError: if no tensions leave every node in balance to BALANCED of the largest load.
-    """
+    """Pulls (E,) of the edges that balance a unit pressure inside the skin of unit radius; ValueError if none do."""
+    # They are found by least squares. Those of radius R and pressure p are p R^2 times as much, of a line p R times.
     n, (a, b) = len(skin.place), skin.edges.T
     load = volume_of(make_compartments(skin.place, [skin.faces], 1.0).faces, skin.place)[1].ravel()
     along = skin.place[b] - skin.place[a]
@@ -137,11 +128,9 @@ def tensions(skin: Skin) -> np.ndarray:
 
 
 def even_factors(skin: Skin) -> np.ndarray:
-    """Factors (E,) of mean 1 on the stiffness of edges, with which more pressure makes a ball larger and no less round.
-
-    Each is in proportion to the tension over the length: then all strains are equal. Song multiplies the forces on a
-    node with n neighbours by 6/n (ch. 3.5.3).
-    """
+    """Factors (E,) of mean 1 on the stiffness of edges, with which more pressure makes a ball larger and as round."""
+    # Each is in proportion to the tension over the length: then all strains are equal. Song multiplies the forces on a
+    # node with n neighbours by 6/n (ch. 3.5.3).
     ends = skin.place[skin.edges]
     factor = tensions(skin) / np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     return factor / factor.mean()

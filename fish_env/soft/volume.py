@@ -16,10 +16,8 @@ ONE = Kind(1)
 
 @kernel
 def add_volume(faces, first, last, x, slope, base):
-    """Return the volume inside faces first to last, m3 (m2 for a ring), and add its gradient to slope[base + i], m2.
-
-    faces: (Q,4), outward; a triangle has its third node twice, an edge of a ring -1 for its third and fourth.
-    """
+    """Return the volume inside faces first to last, m3 (m2 for a ring), and add its gradient to slope[base + i], m2."""
+    # faces: (Q,4), outward; a triangle has its third node twice, an edge of a ring -1 for its third and fourth.
     o = x[INDEX(faces[first, 0])]
     volume = 0.0 * o.x
     for k in range(first, last):
@@ -50,10 +48,8 @@ def volume_of(faces, x) -> tuple[float, np.ndarray]:
 
 
 def curvature_of(faces, x) -> tuple[np.ndarray, np.ndarray]:
-    """Second derivatives of that volume: nodes (Q,k) of each face and matrices (Q,3k,3k), m; k is 4, or 2 for edges.
-
-    The volume m . (d x e) / 24 of a face is linear in each of the three, so that each pair has a cross product.
-    """
+    """Second derivatives of that volume: nodes (Q,k) of each face and matrices (Q,3k,3k), m; k is 4, or 2 for edges."""
+    # The volume m . (d x e) / 24 of a face is linear in each of the three, so that each pair has a cross product.
     flat, x = faces[0, 2] < 0, x - x[faces[0, 0]]
     nodes = faces[:, :2] if flat else faces
     corners = x[nodes].swapaxes(0, 1)

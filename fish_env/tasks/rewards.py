@@ -19,11 +19,9 @@ def progress(tank, pose, before, heading, b):
 
 @kernel
 def alignment(pose, heading, b):
-    """Alignment of the forward axis with a unit vector: 0 along it, -1 across, -2 away.
-
-    It is linear in the angle, so that the last degrees count as much as the first ones. It is never positive, so that
-    an episode does not earn more by lasting longer.
-    """
+    """Alignment of the forward axis with a unit vector: 0 along it, -1 across, -2 away."""
+    # It is linear in the angle, so that the last degrees count as much as the first ones. It is never positive, so that
+    # an episode does not earn more by lasting longer.
     cosine = dot(pose.axes[b, FORWARD], heading)
     return -2.0 / math.pi * math.acos(min(max(cosine, -1.0), 1.0))
 
@@ -36,10 +34,8 @@ def effort(tank, weight, interval, b):
 
 @kernel
 def sway(tank, pose, weight, interval, b):
-    """Cost of the nose's present speed to the side, as a reward: body lengths, never positive.
-
-    Without it, fish learn to sway the head nearly as far as the tail: swimming fish sway it a tenth to a seventh.
-    """
+    """Cost of the nose's present speed to the side, as a reward: body lengths, never positive."""
+    # Without it, fish learn to sway the head nearly as far as the tail: swimming fish sway it a tenth to a seventh.
     aside = dot(tank.velocity[b, INDEX(tank.nose)] - pose.velocity[b], pose.axes[b, LEFT])
     return abs(aside) / tank.length * (-weight * interval)
 

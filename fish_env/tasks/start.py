@@ -16,10 +16,8 @@ POSE_OPTIONS = {
 
 
 def place(tank: Tank, i, generator, yaw, options) -> np.ndarray:
-    """Put fish i, freshly reset, at the origin, turned to `yaw` unless an option says else.
-
-    Returns its centre of mass (3,), m. Raises ValueError if a flat fish is to pitch or roll.
-    """
+    """Put fish i, freshly reset, at the origin, turned to `yaw` unless an option says else."""
+    # Returns its centre of mass (3,), m. Raises ValueError if a flat fish is to pitch or roll.
     check_pose(tank.fish, options)
     body = tank.fish.body
     noise = generator.normal(0.0, NOISE * tank.fish.length, body.position.shape) * (body.inverse_mass > 0.0)

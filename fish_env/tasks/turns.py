@@ -128,11 +128,9 @@ def mean_facing(course, b):
 
 @kernel
 def steady_facing(course, b):
-    """Mean direction, averaged twice over a beat, rad: the heading error is measured with it.
-
-    Nobody beats at exactly this rate: of an oscillation at 3.3 to 4.6 Hz up to a sixth is left by one average, 3 % by
-    two (of environment steps of 20 ms, at which everything is measured).
-    """
+    """Mean direction, averaged twice over a beat, rad: the heading error is measured with it."""
+    # Nobody beats at exactly this rate: of an oscillation at 3.3 to 4.6 Hz up to a sixth is left by one average, 3 % by
+    # two (of environment steps of 20 ms, at which everything is measured).
     window, now = course.history.shape[1], course.steps[b]
     total = weights = 0.0
     for k in range(1, min(now, window) + 1):
@@ -144,11 +142,9 @@ def steady_facing(course, b):
 
 @kernel
 def overshoot_angle(task, b):
-    """Angle by which fish b has turned beyond its last command, on average over a beat, rad, at most half a turn.
-
-    The bound limits the penalty of a fish that spins. The term is 0 before the turn is made, and for a beat after the
-    command: the average is still over the turn before.
-    """
+    """Angle by which fish b has turned beyond its last command, on average over a beat, rad, at most half a turn."""
+    # The bound limits the penalty of a fish that spins. The term is 0 before the turn is made, and for a beat after the
+    # command: the average is still over the turn before.
     course = task.course
     stage = min(course.stage[b], course.angle.shape[1])
     if stage <= 0 or course.since[b] < task.beat:

@@ -47,10 +47,8 @@ def result_type(kinds):
 
 
 def by_parts(emit, emit_dual=None):
-    """Make the lowering of an operation part by part: `emit(builder, *parts)` returns a part of the result.
-
-    `emit_dual` does so for dual numbers; linear operations do not need it.
-    """
+    """Make the lowering of an operation part by part: `emit(builder, *parts)` returns a part of the result."""
+    # `emit_dual` does so for dual numbers; linear operations do not need it.
 
     def lower(context, builder, sig, args):
         target = sig.return_type
@@ -201,11 +199,9 @@ register_logic(operator.invert, lambda builder, a: builder.not_(a))
 
 
 def prefer_own_types() -> None:
-    """Make numba try the types of this package before its own, because most values in a kernel have them.
-
-    Each of numba's attempts to type `a + b` as a sum of lists, sets or texts takes a fraction of a millisecond. So does
-    each attempt to type `a[i]` as anything except an element of an array.
-    """
+    """Make numba try the types of this package before its own, because most values in a kernel have them."""
+    # Each of numba's attempts to type `a + b` as a sum of lists, sets or texts takes a fraction of a millisecond. So
+    # does each attempt to type `a[i]` as anything except an element of an array.
     context = cpu_target.typing_context
     context.refresh()
     for function in ORDERED:

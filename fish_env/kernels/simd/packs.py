@@ -239,10 +239,8 @@ def _pack_getattr(context, builder, kind, pointer, name):
 
 
 def array_at(context, builder, kind, word, shape):
-    """Emit the array of a type at an address (one word), C-contiguous or the thread's own, without an owner.
-
-    It is assembled field by field, because `populate_array` takes far longer and every read of a pack needs it.
-    """
+    """Emit the array of a type at an address (one word), C-contiguous or the thread's own, without an owner."""
+    # It is assembled field by field, because `populate_array` takes far longer and every read of a pack needs it.
     if kind.dtype not in SIZES:
         SIZES[kind.dtype] = context.get_abi_sizeof(context.get_data_type(kind.dtype))
     item = ir.Constant(WORD, SIZES[kind.dtype])

@@ -167,10 +167,8 @@ register_reduction(all_lanes, lambda builder, value, bits: builder.icmp_unsigned
 
 
 def register_by_lane(function, scalar_function, slope):
-    """Register a function of the C library, lane by lane: the same bits for every number of lanes.
-
-    `slope(builder, number, result)` emits its derivative.
-    """
+    """Register a function of the C library, lane by lane: the same bits for every number of lanes."""
+    # `slope(builder, number, result)` emits its derivative.
     typed(function)(lambda kind: kind if isinstance(kind, Num) else signature(types.float64, types.float64))
 
     def lower(context, builder, sig, args):

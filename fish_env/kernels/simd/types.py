@@ -56,11 +56,9 @@ class Vec3(types.Type):
 
 
 def typed(*functions):
-    """Make a decorator that registers `rule(*types)` for the result types of calls of these functions.
-
-    The rule receives the arguments' types. It returns the type of the result, or a whole signature if the arguments are
-    converted, or None if the call is not one of this package's.
-    """
+    """Make a decorator that registers `rule(*types)` for the result types of calls of these functions."""
+    # The rule receives the arguments' types. It returns the type of the result, or a whole signature if the arguments
+    # are converted, or None if the call is not one of this package's.
 
     def register(rule):
         class Template(AbstractTemplate):
@@ -188,10 +186,8 @@ def broadcast(builder, value, count, bits):
 
 
 def parts_of(builder, value, kind, target):
-    """Emit the parts of `value`, of the numba type `kind`, with the lanes of `target`.
-
-    A number becomes every part of a vector; a single lane becomes every lane.
-    """
+    """Emit the parts of `value`, of the numba type `kind`, with the lanes of `target`."""
+    # A number becomes every part of a vector; a single lane becomes every lane.
     if isinstance(kind, Vec3):
         if kind.w == XYZ:
             return [value]

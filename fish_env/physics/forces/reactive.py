@@ -99,11 +99,9 @@ def along(body, values, k):
 
 @kernel
 def directed(square, short):
-    """Factors that make a direction of a vector of this square, and its rate of one: `per` and `kept`.
-
-    With d = per v, the rate of d is per (dv - kept d (d . dv)). Where the square is below `short`, d fades smoothly: a
-    section at which the body is folded has no direction. Elsewhere d is a unit vector.
-    """
+    """Factors that make a direction of a vector of this square, and its rate of one: `per` and `kept`."""
+    # With d = per v, the rate of d is per (dv - kept d (d . dv)). Where the square is below `short`, d fades smoothly:
+    # a section at which the body is folded has no direction. Elsewhere d is a unit vector.
     lacking = short - square
     lacking = select(lacking > 0.0, lacking, 0.0 * lacking)
     slack = (0.5 / short) * lacking
@@ -125,10 +123,8 @@ def set_frames(body, world, control, x, cache):
 
 @kernel
 def set_directions(body, world, control, x, cache):
-    """Store tangent, lateral and vertical direction of every section at positions x, and its added mass over a mass.
-
-    Short loops: one fish computes the roots of several sections at the same time.
-    """
+    """Store tangent, lateral and vertical direction of every section at positions x, and its added mass over a mass."""
+    # Short loops: one fish computes the roots of several sections at the same time.
     sections, light = body.sections, control.lightness[0]
     for k in range(cache.n.size):
         cache.middle[k] = gather(body, x, k)
@@ -171,12 +167,10 @@ def set_rates(body, cache):
 
 @kernel
 def relieve_fin(body, cache, force):
-    """Move the part of the forces on the tail fin's sections that acts along the body forward, to the peduncle.
-
-    Each goes to the section before, which lies on its line of action, so that no momentum changes. A fin weighs next to
-    nothing, and these forces pass no filter: they would push it into the body. Returns the power that this adds, W,
-    over the factor on mass.
-    """
+    """Move the part of the forces on the tail fin's sections that acts along the body forward, to the peduncle."""
+    # Each goes to the section before, which lies on its line of action, so that no momentum changes. A fin weighs next
+    # to nothing, and these forces pass no filter: they would push it into the body. Returns the power that this adds,
+    # W, over the factor on mass.
     last, power = cache.n.size - 1, zero(cache.m)
     for m in range(body.sections.fin):
         here, before = INDEX(last - m), INDEX(last - m - 1)
@@ -190,11 +184,9 @@ def relieve_fin(body, cache, force):
 
 @kernel
 def push(body, world, control, cache, force, twist):
-    """Compute the terms of second degree in the velocities: a force on each section, and a twist (1,) of the body.
-
-    The twist acts on the nodes at the upper edge, and with the opposite sign on those at the lower one. Returns the
-    power of `relieve_fin`.
-    """
+    """Compute the terms of second degree in the velocities: a force on each section, and a twist (1,) of the body."""
+    # The twist acts on the nodes at the upper edge, and with the opposite sign on those at the lower one. Returns the
+    # power of `relieve_fin`.
     slope, turned = body.sections.slope, zero(twist)
     for k in range(cache.n.size):
         force[k] = zero(force)
@@ -221,10 +213,8 @@ def push(body, world, control, cache, force, twist):
 
 @kernel
 def shed(body, world, control, cache):
-    """Force on the last section by the momentum that its trailing edge sheds while it moves forward, and its slope.
-
-    The slope is minus the derivative of the force along n with respect to w.
-    """
+    """Force on the last section by the momentum that its trailing edge sheds while it moves forward, and its slope."""
+    # The slope is minus the derivative of the force along n with respect to w.
     last = INDEX(cache.n.size - 1)
     t, n, speed = cache.t[last], cache.n[last], cache.speed[last]
     w, u = dot(speed, n), dot(speed, t)
@@ -292,10 +282,8 @@ def add_force_with_directions(body, world, control, v, f, cache):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """Add the same force, and store it for `add_change`.
-
-    Shedding that would stop the tail within half a step is limited to what stops it, as the drag of a face is.
-    """
+    """Add the same force, and store it for `add_change`."""
+    # Shedding that would stop the tail within half a step is limited to what stops it, as the drag of a face is.
     half = 0.5 * control.plans[control.row[0], H]
     set_frames(body, world, control, x, cache)
     set_speeds(body, world, control, v, cache)
@@ -315,12 +303,11 @@ def add_force_cached(body, world, control, x, v, f, cache):
 
 @kernel
 def add_change(body, world, control, x, v, f, cache):
-    """Add the change of the force when the velocities become v, half a step later, at the stored frames.
-
-    The change itself changes those velocities: the sections account for that by ROUNDS iterations, and the shedding is
-    implicit, as if it were the only force on the tail. It pulls the tail along the body the more, the faster the tail
-    moves that way, and no filter slows that: the change of this velocity is divided as that of a force on a light tail.
-    """
+    """Add the change of the force when the velocities become v, half a step later, at the stored frames."""
+    # The change itself changes those velocities: the sections account for that by ROUNDS iterations, and the shedding
+    # is implicit, as if it were the only force on the tail. It pulls the tail along the body the more, the faster the
+    # tail moves that way, and no filter slows that: the change of this velocity is divided as that of a force on a
+    # light tail.
     half = 0.5 * control.plans[control.row[0], H]
     set_speeds(body, world, control, v, cache)
     push(body, world, control, cache, cache.later, cache.bend)
@@ -405,10 +392,8 @@ def add_system(body, world, control, x, v, a, cache):
 
 
 def lagged_work(body: Body, kind) -> dict:
-    """Scratch memory of `solve_lagged`: shares of free nodes, also as vectors of three sections, and what it computes.
-
-    Vectors of three sections are in the order of the matrix's rows; `top` is the first row that any of the three has.
-    """
+    """Scratch memory of `solve_lagged`: shares of free nodes, also as vectors of three sections, and its results."""
+    # Vectors of three sections are in the order of the matrix's rows; `top` is the first row that any of the three has.
     if body.sections is None:
         return {}
     nodes, first, share, *_ = body.sections
@@ -429,11 +414,9 @@ def lagged_work(body: Body, kind) -> dict:
 
 @kernel
 def solve_lagged(body, world, control, x, v, system, cache):
-    """Add the forces of the added mass to the right-hand side of Tu's method, `system.load`, after its elimination.
-
-    With A = L D L^T the matrix of one axis and s the shares of a section, columns L^-1 s of three sections are found
-    at once. Their products over D couple the sections. Then a dense system of twice the number of sections remains.
-    """
+    """Add the forces of the added mass to the right-hand side of Tu's method, `system.load`, after its elimination."""
+    # With A = L D L^T the matrix of one axis and s the shares of a section, columns L^-1 s of three sections are found
+    # at once. Their products over D couple the sections. Then a dense system of twice the number of sections remains.
     load, columns, push, node, top = system.load, system.columns, system.push, body.profile.node, system.top
     order, inverse_pivot, none = load.size, system.inverse_pivot, zero(load)
     for c in range(top.size):
@@ -480,10 +463,8 @@ def store_shared(system, c, d, products):
 
 @kernel
 def solve_sections(body, v, system, cache):
-    """Replace the sections' velocities in `push` by the forces of the added mass, by L D L^T with blocks of 2 x 2.
-
-    The unknowns of a section are its lateral and its vertical force over the root of its added mass.
-    """
+    """Replace the sections' velocities in `push` by the forces of the added mass, by L D L^T with blocks of 2 x 2."""
+    # The unknowns of a section are its lateral and its vertical force over the root of its added mass.
     first, nodes, count, width = body.sections.first, body.sections.nodes, cache.n.size, 3 * system.top.size
     roots, push, lower, line = system.roots, system.push, system.lower, system.line
     inverse, force = system.inverse, system.force
@@ -573,10 +554,8 @@ def energy(body, world, control, x, v, f, cache):
 
 @kernel
 def loss(body, world, control, x, v, f, cache):
-    """Power that the shed wake, and the flow that leaves the narrowing rear, take from fish and moving water, W.
-
-    What moving forces from the fin to the peduncle takes is a part of it.
-    """
+    """Power that the shed wake, and the flow that leaves the narrowing rear, take from fish and moving water, W."""
+    # What moving forces from the fin to the peduncle takes is a part of it.
     set_frames(body, world, control, x, cache)
     set_speeds(body, world, control, v, cache)
     wake, _ = shed(body, world, control, cache)

@@ -30,10 +30,8 @@ def make_cache(body: Body, world: World, kind) -> Pack:
 
 
 def rest_matrices(body: Body, elastic):
-    """Stiffness, N/m, or damping, N s/m, at rest: nodes (E,2) and matrices (E,6,6).
-
-    Springs that are stretched or compressed at rest, as by gas, also have a stiffness transverse to them.
-    """
+    """Stiffness, N/m, or damping, N s/m, at rest: nodes (E,2) and matrices (E,6,6)."""
+    # Springs that are stretched or compressed at rest, as by gas, also have a stiffness transverse to them.
     springs, x = body.springs, body.position
     r = x[springs.nodes[:, 1]] - x[springs.nodes[:, 0]]
     row = np.concatenate([r, -r], axis=1) / np.linalg.norm(r, axis=1)[:, None]
@@ -71,12 +69,10 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """Add the force of every spring, and store the data of `add_tangent` for a filtered step.
-
-    The filter weight is FACTOR h^2 c transverse to the spring; along it, the weight of its damping is added. With two
-    stages and small steps, that could be less than half a step of damping. LEAST is therefore its lower bound, so that
-    the damping remains of second order.
-    """
+    """Add the force of every spring, and store the data of `add_tangent` for a filtered step."""
+    # The filter weight is FACTOR h^2 c transverse to the spring; along it, the weight of its damping is added. With two
+    # stages and small steps, that could be less than half a step of damping. LEAST is therefore its lower bound, so
+    # that the damping remains of second order.
     springs, rest, factor, fastest = body.springs, control.rest_length, control.stiffness[0], control.fastest[0]
     plans, row = control.plans, control.row[0]
     h, least = plans[row, H], plans[row, LEAST]
@@ -112,12 +108,10 @@ def add_tangent(body, world, control, x, y, f, cache):
 
 @kernel
 def add_system(body, world, control, x, v, a, cache):
-    """Add h D + h^2 K to the matrix a, with h the INNER step, and store K for `add_tangent`.
-
-    D is -df/dv. K is -df/dx without its unsymmetric part, which comes from the rotation of the damping's direction. The
-    lower bound of the effective stiffness eta is LOWEST: with 0, K is positive semi-definite. a has three columns for
-    each entry of the nodes' skyline.
-    """
+    """Add h D + h^2 K to the matrix a, with h the INNER step, and store K for `add_tangent`."""
+    # D is -df/dv. K is -df/dx without its unsymmetric part, which comes from the rotation of the damping's direction.
+    # The lower bound of the effective stiffness eta is LOWEST: with 0, K is positive semi-definite. a has three columns
+    # for each entry of the nodes' skyline.
     springs, rest, factor, diagonal = body.springs, control.rest_length, control.stiffness[0], body.profile.diagonal
     h, lowest = control.plans[control.row[0], INNER], control.plans[control.row[0], LOWEST]
     for e in range(springs.stiffness.size):
@@ -144,11 +138,9 @@ def add_columns(a, place, sign, r, along, across):
 
 @kernel
 def add_lagged(body, world, control, x, v, system, cache):
-    """Add the force at the start of the step to `system.load`, and h^2 eta, its implicit part, to `system.matrix`.
-
-    The effective stiffness eta is the same for all axes and is assumed to be constant in the step. The matrix has one
-    number for each entry of the nodes' skyline.
-    """
+    """Add the force at the start of the step to `system.load`, and h^2 eta, its implicit part, to `system.matrix`."""
+    # The effective stiffness eta is the same for all axes and is assumed to be constant in the step. The matrix has one
+    # number for each entry of the nodes' skyline.
     matrix, load, h = system.matrix, system.load, control.plans[control.row[0], INNER]
     springs, rest, factor, diagonal = body.springs, control.rest_length, control.stiffness[0], body.profile.diagonal
     for e in range(springs.stiffness.size):

@@ -26,11 +26,9 @@ def present(body: Body, world: World) -> bool:
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """Data of `add_change`: each face's normal, area, push, friction and mobility (F,). Coefficient of friction.
-
-    `loaded` is the mobility with the water that moves sideways with the face. `carried` is the mass of the water that
-    moves with it along its normal, over its own; that water takes all faces around along, so both `halves` count.
-    """
+    """Data of `add_change`: each face's normal, area, push, friction and mobility (F,). Coefficient of friction."""
+    # `loaded` is the mobility with the water that moves sideways with the face. `carried` is the mass of the water that
+    # moves with it along its normal, over its own; that water takes all faces around along, so both `halves` count.
     count, friction = len(body.faces.nodes), world.friction / math.sqrt(length(body))
     inverse, (sideways, upward) = body.inverse_mass.max(axis=1), water_over_own(body, world)
     own, loaded = mobility(body, inverse), mobility(body, inverse / (1.0 + sideways))
@@ -69,10 +67,8 @@ def water_over_own(body: Body, world: World) -> np.ndarray:
 
 
 def mobility(body: Body, inverse: np.ndarray) -> np.ndarray:
-    """Velocity (F,) m/s that a face gains in 1 s from a force of 1 N, if half the faces around it have the same force.
-
-    Half, because about half of a swimming fish's faces move outward. `inverse` (N,) is one over the nodes' masses.
-    """
+    """Velocity (F,) m/s that a face gains in 1 s from a force of 1 N, if half the faces around have the same force."""
+    # Half, because about half of a swimming fish's faces move outward. `inverse` (N,) is one over the nodes' masses.
     faces = body.faces
     carried = np.zeros(len(body.mass))
     np.add.at(carried, faces.nodes, faces.share)
@@ -180,12 +176,10 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """Add the force of the water on every face, and store the data of `add_change`.
-
-    A force that would reverse the motion of its face, and of the water with it, within half a step is limited to the
-    force that stops it. Otherwise the prediction, from which the change is computed, would grow from step to step.
-    Friction is limited too.
-    """
+    """Add the force of the water on every face, and store the data of `add_change`."""
+    # A force that would reverse the motion of its face, and of the water with it, within half a step is limited to the
+    # force that stops it. Otherwise the prediction, from which the change is computed, would grow from step to step.
+    # Friction is limited too.
     linear, quadratic, friction, current = laws(world, control, cache)
     h = control.plans[control.row[0], H]
     half = 0.5 * h
@@ -207,11 +201,10 @@ def add_force_cached(body, world, control, x, v, f, cache):
 
 @kernel
 def add_change(body, world, control, x, v, f, cache):
-    """Add the change of the force when the velocities become v, half a step later, at the stored positions.
-
-    Each face's drag is implicit, as if it were the only force on the face. Friction, which is small, is explicit. The
-    water that moves with a section does not slow its nodes against each other: where drag is strong, less of it counts.
-    """
+    """Add the change of the force when the velocities become v, half a step later, at the stored positions."""
+    # Each face's drag is implicit, as if it were the only force on the face. Friction, which is small, is explicit. The
+    # water that moves with a section does not slow its nodes against each other: where drag is strong, less of it
+    # counts.
     linear, quadratic, friction, current = laws(world, control, cache)
     h = control.plans[control.row[0], H]
     part = cache.halves * (0.5 * h)
@@ -248,11 +241,9 @@ def loss(body, world, control, x, v, f, cache):
 
 @kernel
 def add_damping(body, world, control, x, v, a, cache):
-    """Add h D to the matrix a, as `springs.add_system`.
-
-    D is a symmetric, positive semi-definite part of -df/dv: the derivative of the force along a face's normal with
-    respect to its outward velocity, and the ratio of friction to the velocity along the face.
-    """
+    """Add h D to the matrix a, as `springs.add_system`."""
+    # D is a symmetric, positive semi-definite part of -df/dv: the derivative of the force along a face's normal with
+    # respect to its outward velocity, and the ratio of friction to the velocity along the face.
     linear, quadratic, friction, current = laws(world, control, cache)
     h = control.plans[control.row[0], INNER]
     first, start, rows = body.profile.first, body.profile.start, body.profile.row

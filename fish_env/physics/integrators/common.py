@@ -12,10 +12,8 @@ from fish_env.physics.records import Body
 
 
 def plan_of_step(elastic: float, viscous: float, h: float, inner=1.0, lowest=-np.inf) -> np.ndarray:
-    """Step coefficients, a row of `control.plans`, of a method that needs its step of h s only.
-
-    `inner` is the part of the step in the system matrix, `lowest` as in `fish_env.physics.forces.plan`.
-    """
+    """Step coefficients, a row of `control.plans`, of a method that needs its step of h s only."""
+    # `inner` is the part of the step in the system matrix, `lowest` as in `fish_env.physics.forces.plan`.
     row = np.zeros(POLYNOMIAL)
     row[[H, INNER, LOWEST]] = h, inner * h, lowest
     return row
@@ -51,11 +49,9 @@ def move_rest_lengths(control, elapsed):
 
 @kernel
 def add_work(body, control, x, duration):
-    """Add to `control.work` what the driven springs do in a duration, s, at their present lengths and rest lengths.
-
-    A spring whose rest length l moves under the elastic tension g does the work -g dl, J. The factor on stiffness is
-    left out: it is the same in the whole call.
-    """
+    """Add to `control.work` what the driven springs do in a duration, s, at their present lengths and rest lengths."""
+    # A spring whose rest length l moves under the elastic tension g does the work -g dl, J. The factor on stiffness is
+    # left out: it is the same in the whole call.
     nodes, stiffness = body.springs.nodes, body.springs.stiffness
     rest, rate, driven, power = control.rest_length, control.rate, control.driven, zero(control.work)
     for d in range(driven.size):
@@ -79,11 +75,9 @@ def positive_power(body, control, x):
 
 
 def make_measure(names: tuple[str, ...], flows: bool) -> Any:
-    """Make the kernel that adds the energy flows of a duration, s, at positions x; None if flows are not measured.
-
-    Before it is called, `control.flows` gets the velocities v and the accelerations a. The flows are in the order of
-    FLOWS, J over the factor on mass.
-    """
+    """Make the kernel that adds the energy flows of a duration, s, at positions x; None if flows are not measured."""
+    # Before it is called, `control.flows` gets the velocities v and the accelerations a. The flows are in the order of
+    # FLOWS, J over the factor on mass.
     if not flows:
         return None
     wet = tuple(name for name in names if hasattr(forces.FORCES[name], "IN_WATER"))
@@ -142,10 +136,8 @@ def set_masses(body, a):
 
 @kernel
 def eliminate(body, a):
-    """Eliminate the rows and columns of fixed degrees of freedom from a matrix in the layout of `set_masses`.
-
-    They are replaced by the equation that the unknown equals its right-hand side, so the matrix keeps its shape.
-    """
+    """Eliminate the rows and columns of fixed degrees of freedom from a matrix in the layout of `set_masses`."""
+    # They are replaced by the equation that the unknown equals its right-hand side, so the matrix keeps its shape.
     first, start, fixed, values, none = body.profile.first, body.profile.start, body.fixed, floats(a), zero(a)
     for m in range(fixed.shape[0]):
         i, k = body.profile.row[fixed[m, 0]], fixed[m, 1]

@@ -34,10 +34,8 @@ MOST_STAGES = 1000
 
 
 def polynomial(stages: int) -> tuple[float, float, float, float]:
-    """Midpoint of the filter, its first factor, the factor on stiffness, and its reach.
-
-    The reach is the largest h^2 c/m + 2 h k/m of a vibration that the filter keeps stable.
-    """
+    """Midpoint of the filter, its first factor, the factor on stiffness, and its reach."""
+    # The reach is the largest h^2 c/m + 2 h k/m of a vibration that the filter keeps stable.
     midpoint = 1.0 + DAMPING / (stages * stages)
     angle = math.acosh(midpoint)
     last, second = math.cosh(stages * angle), math.sinh(stages * angle) / math.sinh(angle)  # T_s, U_(s-1)

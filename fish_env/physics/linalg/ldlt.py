@@ -72,10 +72,8 @@ def entries(shape: Profile, pairs: np.ndarray) -> np.ndarray:
 
 @kernel
 def check_pivot(least, diagonal, pivot, negative, untrusted):
-    """Count a pivot: (non-positive pivots, untrusted ones), a number for each fish.
-
-    `least` is the smallest trusted ratio of the pivot to its diagonal entry.
-    """
+    """Count a pivot: (non-positive pivots, untrusted ones), a number for each fish."""
+    # `least` is the smallest trusted ratio of the pivot to its diagonal entry.
     size = abs(pivot)
     lost = select(size > least * abs(diagonal), untrusted, untrusted + 1.0)
     return select(pivot > 0.0, negative, negative + 1.0), select(size < math.inf, lost, untrusted + 1.0)
@@ -83,10 +81,8 @@ def check_pivot(least, diagonal, pivot, negative, untrusted):
 
 @kernel
 def factor_solve(shape, a, b, inverse_pivot, row):
-    """Factor a (S,) in place into L D L^T and solve for three right-hand sides: b (N,), vectors, is overwritten.
-
-    inverse_pivot (N,) receives 1/D; row (N,) is scratch. Returns the numbers of non-positive and of untrusted pivots.
-    """
+    """Factor a (S,) in place into L D L^T and solve for three right-hand sides: b (N,), vectors, is overwritten."""
+    # inverse_pivot (N,) receives 1/D; row (N,) is scratch. Returns the numbers of non-positive and of untrusted pivots.
     found = factor_forward(shape, a, b, inverse_pivot, row)
     backward(shape, a, b, inverse_pivot)
     return found
@@ -121,10 +117,8 @@ def factor_forward(shape, a, b, inverse_pivot, row):
 
 @kernel
 def forward(shape, a, b, found, begin, top, i):
-    """Store row i of L^-1 b in `found`, and return it, for N more vectors b that are zero above row `top`.
-
-    Both are in the order of the rows, from `begin` on.
-    """
+    """Store row i of L^-1 b in `found`, and return it, for N more vectors b that are zero above row `top`."""
+    # Both are in the order of the rows, from `begin` on.
     least = shape.first[INDEX(i)]
     row_i, y = shape.start[INDEX(i)] - least, zero(found) + b[INDEX(begin + i)]
     for j in range(max(least, top), i):
@@ -186,12 +180,11 @@ def factor_node(d):
 
 @kernel
 def factor(shape, a, row):
-    """Factor a matrix of order 3N in place into L D L^T, all of its coordinates coupled.
-
-    a (3S,) has three vectors, columns of a 3 x 3 block, for every entry of the N x N skyline `shape`: rows of the later
-    node, columns of the earlier one. Only the lower triangle of diagonal blocks is read. Their columns receive the two
-    columns of L below the diagonal, and 1/D. row (3N,), vectors, is scratch. Returns counts as `factor_solve`.
-    """
+    """Factor a matrix of order 3N in place into L D L^T, all of its coordinates coupled."""
+    # a (3S,) has three vectors, columns of a 3 x 3 block, for every entry of the N x N skyline `shape`: rows of the
+    # later node, columns of the earlier one. Only the lower triangle of diagonal blocks is read. Their columns receive
+    # the two columns of L below the diagonal, and 1/D. row (3N,), vectors, is scratch. Returns counts as
+    # `factor_solve`.
     first, start, none = shape.first, shape.start, zero(a)
     negative, untrusted, least = none.x, none.x, max(TRUSTED_PIVOT, ROUNDING * epsilon(a))
     for i in range(first.size):

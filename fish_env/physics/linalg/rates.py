@@ -9,10 +9,8 @@ TOLERANCE = 1e-10
 
 
 def assemble(elements, size, dense=DENSE):
-    """Sum of element matrices: elements [(nodes (M,k), matrices (M,3k,3k)), ...] in a matrix of that many rows.
-
-    Dense up to `dense` rows, then sparse (scipy, compressed rows).
-    """
+    """Sum of element matrices: elements [(nodes (M,k), matrices (M,3k,3k)), ...] in a matrix of that many rows."""
+    # Dense up to `dense` rows, then sparse (scipy, compressed rows).
     places = [(3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 3 * nodes.shape[1]) for nodes, _ in elements]
     if size <= dense:
         matrix = np.zeros((size, size))

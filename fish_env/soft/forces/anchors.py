@@ -75,10 +75,8 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """Add the force of every anchor, and store the data of `add_tangent` for a filtered step.
-
-    The weights are those of `springs.add_force_cached`; a compressed anchor has no transverse stiffness.
-    """
+    """Add the force of every anchor, and store the data of `add_tangent` for a filtered step."""
+    # The weights are those of `springs.add_force_cached`; a compressed anchor has no transverse stiffness.
     anchors, light = world.anchors, control.lightness[0]
     plans, row = control.plans, control.row[0]
     h, factor, least = plans[row, H], plans[row, FACTOR], plans[row, LEAST]
@@ -127,10 +125,8 @@ def add_system(body, world, control, x, v, a, cache):
 
 @kernel
 def add_lagged(body, world, control, x, v, system, cache):
-    """Add the force at the start of the step to `system.load`, and its implicit part to `system.matrix`.
-
-    It is that of `springs.add_lagged`; an anchor of zero length is fully implicit.
-    """
+    """Add the force at the start of the step to `system.load`, and its implicit part to `system.matrix`."""
+    # It is that of `springs.add_lagged`; an anchor of zero length is fully implicit.
     anchors, light, h = world.anchors, control.lightness[0], control.plans[control.row[0], INNER]
     for m in range(anchors.node.size):
         i, r, _, strain, fast = measure_anchor(anchors, m, control.elapsed[0], x, v)

@@ -32,10 +32,8 @@ def present(body: Body, world: World) -> bool:
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """Data of `add_tangent`: gradients (3K,) times the root of their weights, and flags (K,) of active barriers.
-
-    For `failed`: the outer faces (F,3), none if they do not close, the inner nodes (I,), and positions along RAY.
-    """
+    """Data of `add_tangent`: gradients (3K,) times the root of their weights, and flags (K,) of active barriers."""
+    # For `failed`: the outer faces (F,3), none if they do not close, the inner nodes (I,), and positions along RAY.
     assert body.barriers is not None  # else the force is not present
     count, faces = len(body.barriers.energy), np.unique(body.barriers.nodes[:, :3], axis=0)
     edges = {(a, b) for p, q, r in faces.tolist() for a, b in (((p, q), (q, r), (r, p)) if r >= 0 else ())}

@@ -38,10 +38,8 @@ def normal(planes, p):
 
 @kernel
 def add_force(body, world, control, x, v, f, cache):
-    """Remove from the sum of all other forces the part that pushes a node further behind a plane.
-
-    Methods that distribute a force over neighbouring nodes, by a filter or a solve, also call `constrain`.
-    """
+    """Remove from the sum of all other forces the part that pushes a node further behind a plane."""
+    # Methods that distribute a force over neighbouring nodes, by a filter or a solve, also call `constrain`.
     planes, rounding = world.planes, LEAVING * epsilon(x)
     for p in range(planes.shape[0]):
         n = normal(planes, p)
@@ -66,11 +64,9 @@ def constrain(body, world, control, x, v, a, cache):
 
 @kernel
 def finish(body, world, control, x, v, f, cache):
-    """Reflect the velocities of free nodes that are behind a plane and move inward, at the end of a step.
-
-    A velocity that a step of free fall would cause is no impact, nor is a push by nodes that lie on it: such a node
-    comes to rest. Otherwise it would bounce at every step and slowly sink.
-    """
+    """Reflect the velocities of free nodes that are behind a plane and move inward, at the end of a step."""
+    # A velocity that a step of free fall would cause is no impact, nor is a push by nodes that lie on it: such a node
+    # comes to rest. Otherwise it would bounce at every step and slowly sink.
     planes, gravity, h = world.planes, cache.gravity, control.plans[control.row[0], H]
     for p in range(planes.shape[0]):
         n, resting, part = normal(planes, p), 2.0 * h * gravity[p], planes[p, 4]

@@ -125,10 +125,8 @@ def tensile_part(s):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """Add the force of every tetrahedron, and store the data of `add_tangent` for a filtered step.
-
-    The weights are those of `tets.add_force_cached`. Only tensile stress resists rotation.
-    """
+    """Add the force of every tetrahedron, and store the data of `add_tangent` for a filtered step."""
+    # The weights are those of `tets.add_force_cached`. Only tensile stress resists rotation.
     elements, factor = body.tets, control.stiffness[0]
     plans, row = control.plans, control.row[0]
     h, share, least = plans[row, H], plans[row, FACTOR], plans[row, LEAST]
@@ -165,12 +163,10 @@ def add_tangent(body, world, control, x, y, f, cache):
 
 @kernel
 def add_system(body, world, control, x, v, a, cache):
-    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and store K for `add_tangent`.
-
-    K is exact for an element without damping: material and geometric stiffness. Tensile stress resists rotation and
-    compressive stress favours it; the latter is omitted if LOWEST is zero or more. The change of viscous forces by
-    rotation is not symmetric, and is omitted.
-    """
+    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and store K for `add_tangent`."""
+    # K is exact for an element without damping: material and geometric stiffness. Tensile stress resists rotation and
+    # compressive stress favours it; the latter is omitted if LOWEST is zero or more. The change of viscous forces by
+    # rotation is not symmetric, and is omitted.
     elements, factor, now = body.tets, control.stiffness[0], cache.corner
     first, start, rows, shape = body.profile.first, body.profile.start, body.profile.row, elements.gradient
     step, lowest = control.plans[control.row[0], INNER], control.plans[control.row[0], LOWEST]

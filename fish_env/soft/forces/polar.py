@@ -41,10 +41,8 @@ def make_scratch(kind) -> Pack:
 
 @kernel
 def rotation(p, q, r, scratch):
-    """Columns of the nearest rotation to a matrix given by columns; finite for numbers below 1e70 (float32: 1e9).
-
-    Newton's method iterates until every fish has converged; values that have converged do not change any more.
-    """
+    """Columns of the nearest rotation to a matrix given by columns; finite for numbers below 1e70 (float32: 1e9)."""
+    # Newton's method iterates until every fish has converged; values that have converged do not change any more.
     m00, m11, m22, m01, m02, m12 = dot(p, p), dot(q, q), dot(r, r), dot(p, q), dot(p, r), dot(q, r)
     a, b, c = cross(q, r), cross(r, p), cross(p, q)
     n, d = m00 + m11 + m22, dot(p, a)
@@ -85,11 +83,9 @@ def rotation(p, q, r, scratch):
 
 @kernel
 def with_derivatives(p, q, r, turn):
-    """Rotation `turn` of a matrix of dual numbers, with derivatives, which come from a final Newton step.
-
-    The step rotates it by w, (tr S - S) w = sum of x cross p, with S = F R^T. The value of w is zero; its derivatives
-    are not.
-    """
+    """Rotation `turn` of a matrix of dual numbers, with derivatives, which come from a final Newton step."""
+    # The step rotates it by w, (tr S - S) w = sum of x cross p, with S = F R^T. The value of w is zero; its derivatives
+    # are not.
     columns = floats(turn)
     for i in range(3):
         for k in range(3):
@@ -106,10 +102,8 @@ def with_derivatives(p, q, r, turn):
 
 @part
 def by_jacobi(scratch, fish):
-    """Compute `rotation` of one fish if two signed singular values have a sum that is almost zero or negative.
-
-    It reads `scratch.f` and writes `scratch.r`, in scalar arithmetic, because such elements are rare.
-    """
+    """Compute `rotation` of one fish if two signed singular values have a sum that is almost zero or negative."""
+    # It reads `scratch.f` and writes `scratch.r`, in scalar arithmetic, because such elements are rare.
     f, r, k, e = floats(scratch.f), floats(scratch.r), scratch.k, scratch.e
     k[0, 0] = f[0, 0, fish] + f[1, 1, fish] + f[2, 2, fish]
     for i in range(3):

@@ -32,11 +32,9 @@ def make_cache(body: Body, world: World, kind) -> Pack:
 
 
 def rest_matrices(body: Body, elastic):
-    """Stiffness of the gas at rest, N/m, for each compartment; it has no damping.
-
-    That of compression joins all nodes (1,N), by a matrix (1,3N,3N); that of the pressure, whose direction turns with
-    the faces, the nodes of each.
-    """
+    """Stiffness of the gas at rest, N/m, for each compartment; it has no damping."""
+    # That of compression joins all nodes (1,N), by a matrix (1,3N,3N); that of the pressure, whose direction turns with
+    # the faces, the nodes of each.
     if body.compartments is None or not elastic:
         return
     first = body.compartments.first

@@ -40,10 +40,8 @@ def constant(body: Body, world: World) -> bool:
 
 
 def sides_of(nodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ends (S,2) of the sides of elements (T,4), the lower node first; each element's sides (T,6), and corners there.
-
-    The corners (T,6,2) are those at the first and the second end.
-    """
+    """Ends (S,2) of the sides of elements (T,4), the lower node first; each element's sides (T,6), and corners."""
+    # The corners (T,6,2) are those at the first and the second end.
     some = np.array(CORNERS)
     swapped = nodes[:, some[:, 0]] > nodes[:, some[:, 1]]
     corners = np.where(swapped[..., None], some[:, ::-1], some)
@@ -53,10 +51,8 @@ def sides_of(nodes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def make_cache(body: Body, world: World, kind) -> Pack:
-    """Data of `add_tangent`: rotated gradients (3T,) and the weighted Lame constants (T,), Pa m3; and scratch.
-
-    Alternatively, the columns of the weighted stiffness of the sides (3S,), N/m.
-    """
+    """Data of `add_tangent`: rotated gradients (3T,) and the weighted Lame constants (T,), Pa m3; and scratch."""
+    # Alternatively, the columns of the weighted stiffness of the sides (3S,), N/m.
     assert body.tets is not None  # else the force is not present
     count = len(body.tets.nodes)
     ends, sides, corners = sides_of(body.tets.nodes)
@@ -186,10 +182,8 @@ def add_force(body, world, control, x, v, f, cache):
 
 @kernel
 def add_force_cached(body, world, control, x, v, f, cache):
-    """Add the force of every tetrahedron, and store the data of `add_tangent` for a filtered step.
-
-    The filter weight is FACTOR (h^2 K + 2 h D), but at least LEAST h D (see `springs.add_force_cached`).
-    """
+    """Add the force of every tetrahedron, and store the data of `add_tangent` for a filtered step."""
+    # The filter weight is FACTOR (h^2 K + 2 h D), but at least LEAST h D (see `springs.add_force_cached`).
     tets, factor = body.tets, control.stiffness[0]
     plans, row = control.plans, control.row[0]
     h, share, least, sideways = plans[row, H], plans[row, FACTOR], plans[row, LEAST], by_sides(control)
@@ -263,11 +257,9 @@ def add_pull(ends, k, y, f):
 
 @kernel
 def add_system(body, world, control, x, v, a, cache):
-    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and store K for `add_tangent`.
-
-    Both are those of linear elasticity, rotated with the element. The derivative of the rotation is omitted, so they
-    are symmetric and positive semi-definite.
-    """
+    """Add h D + h^2 K to the matrix a, as `springs.add_system`, and store K for `add_tangent`."""
+    # Both are those of linear elasticity, rotated with the element. The derivative of the rotation is omitted, so they
+    # are symmetric and positive semi-definite.
     tets, factor, now = body.tets, control.stiffness[0], cache.corner
     first, start, rows = body.profile.first, body.profile.start, body.profile.row
     step = control.plans[control.row[0], INNER]
@@ -322,10 +314,8 @@ def loss(body, world, control, x, v, f, cache):
 
 @kernel
 def failed(body, world, control, x, v, f, cache):
-    """Mask of the fish in which a tetrahedron is stretched in any direction to more than STRETCH_LIMIT.
-
-    The stretch is below STRETCH_LIMIT if all leading minors of STRETCH_LIMIT^2 - F^T F are positive.
-    """
+    """Mask of the fish in which a tetrahedron is stretched in any direction to more than STRETCH_LIMIT."""
+    # The stretch is below STRETCH_LIMIT if all leading minors of STRETCH_LIMIT^2 - F^T F are positive.
     tets, torn, square = body.tets, nowhere(x), STRETCH_LIMIT * STRETCH_LIMIT
     for t in range(tets.volume.size):
         p, q, r = gradient(tets, t, edges(tets, t, x))
