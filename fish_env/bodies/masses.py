@@ -22,12 +22,9 @@ POINTS, WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact for polynomials of
 class Moments(NamedTuple):
     """Moments of a body that is symmetric about the xz plane and whose axis is the x axis."""
 
-    mass: float
-    """kg."""
-    centre: float
-    """x of the centre of mass, m."""
-    squares: np.ndarray
-    """(3,) sums of mass times the square of each coordinate's distance from the centre, kg m2."""
+    mass: float  # kg
+    centre: float  # x of the centre of mass, m
+    squares: np.ndarray  # (3,) sums of mass times the square of each coordinate's distance from the centre, kg m2
 
     @property
     def inertia(self) -> np.ndarray:

@@ -127,10 +127,8 @@ class Setting(NamedTuple):
 
     fish: Fish
     world: World
-    goals: np.ndarray
-    """(S,K,M) contractions in [0, 1]."""
-    kinds: tuple[str, ...]
-    """Family of each scene that statistics are of; scenes after those have an error only."""
+    goals: np.ndarray  # (S,K,M) contractions in [0, 1]
+    kinds: tuple[str, ...]  # family of each scene that statistics are of; scenes after those have an error only
 
 
 def random_scenes(fish: Fish, world: World) -> Setting:
@@ -167,12 +165,9 @@ def task_scenes(fish: Fish, world: World, task: str) -> Setting:
 class Motion(NamedTuple):
     """Paths of the scenes, which fish live, and the time it took."""
 
-    path: np.ndarray
-    """(K,S,N,3) positions at the ends of control intervals, m."""
-    alive: np.ndarray
-    """(S,) whether the fish lives at the end."""
-    price: float
-    """Microseconds of processor time per control interval of a living fish; nan if none lives at the end."""
+    path: np.ndarray  # (K,S,N,3) positions at the ends of control intervals, m
+    alive: np.ndarray  # (S,) whether the fish lives at the end
+    price: float  # microseconds of processor time per control interval of a living fish; nan if none lives at the end
 
 
 def move(scenes: Setting, name: str, substeps: int, refine=np.inf, batch=0, disturbed=None) -> Motion:
@@ -202,11 +197,9 @@ class Reference(NamedTuple):
     """The reference of all scenes of a setting."""
 
     path: np.ndarray
-    predictable: np.ndarray
-    """(S,) whether a scene has an error."""
+    predictable: np.ndarray  # (S,) whether a scene has an error
     substeps: int
-    change: float
-    """Largest change of a predictable scene by the last halving, body lengths."""
+    change: float  # largest change of a predictable scene by the last halving, body lengths
 
 
 def magnification(scenes: Setting, substeps: int) -> np.ndarray:
@@ -253,8 +246,7 @@ def reference(scenes: Setting, fewest: int = FEWEST, allowed: float = CONVERGED)
     return Reference(path, predictable, substeps, change)
 
 
-Line = tuple[str, int, float]
-"""A method, its steps a control interval, and what refines them."""
+Line = tuple[str, int, float]  # A method, its steps a control interval, and what refines them
 
 
 def steps_of(fish: Fish) -> int:

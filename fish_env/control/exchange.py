@@ -13,10 +13,8 @@ import numpy as np
 
 from fish_env.control.files import replacing
 
-OPSET, IR = 17, 8
-"""Versions of ONNX's operators and of its files: those of 2022, which every runtime in use reads."""
-LAYERS = {"tanh": "Tanh", "relu": "Relu"}
-"""Operators of the hidden activations."""
+OPSET, IR = 17, 8  # versions of ONNX's operators and of its files: those of 2022, which every runtime in use reads
+LAYERS = {"tanh": "Tanh", "relu": "Relu"}  # operators of the hidden activations
 
 
 def load_onnx() -> Any:

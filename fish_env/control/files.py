@@ -14,10 +14,8 @@ from typing import Any
 import numpy as np
 
 TRIAL = 4096  # bytes
-LARGEST = 32 * 2**20
-"""Bytes that any file may unpack to, about 17,000 states of the default fish."""
-RATIO = 4
-"""Largest unpacked size of a file over its own size, if that is more."""
+LARGEST = 32 * 2**20  # bytes that any file may unpack to, about 17,000 states of the default fish
+RATIO = 4  # largest unpacked size of a file over its own size, if that is more
 
 
 @contextmanager

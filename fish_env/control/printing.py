@@ -7,8 +7,7 @@ from typing import Any
 
 from fish_env.control.statistics import SIGNED, Comparison, Interval
 
-Environments = Sequence[tuple[str, dict[str, Any]]]
-"""Ids and keywords."""
+Environments = Sequence[tuple[str, dict[str, Any]]]  # ids and keywords
 
 
 def print_means(records: list[dict]) -> None:

@@ -11,8 +11,7 @@ from fish_env.envs.vector import FishVectorEnv
 from fish_env.kernels import cache as _cache
 from fish_env.tasks import TASKS
 
-COUNTS = (1, 64)
-"""Numbers of fish: one, and enough to share a kernel and two threads."""
+COUNTS = (1, 64)  # numbers of fish: one, and enough to share a kernel and two threads
 
 
 def stored_kernels() -> tuple[Path, set[Path]]:

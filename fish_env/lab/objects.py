@@ -30,8 +30,7 @@ from fish_env.soft.room import GRAVITY, room
 KINDS: dict[str, Any] = {**OBJECTS, **BODIES}
 MOTIONS = ("rest", "gait", "abrupt turns")
 """Motions of a fish: none, the best gait of its water, all muscles of one side and then the other."""
-WALLS = ("own", "none", "closed room")
-"""The walls that the object comes with, none, or walls on all sides."""
+WALLS = ("own", "none", "closed room")  # the walls that the object comes with, none, or walls on all sides
 PULL, DAMPING = 0.4, 0.05  # drag spring: pull over weight at a distance of one length; damping over stiffness, s
 MOST_NODES = 1100  # of an object that is simulated in real time
 REPEATS, STEPS = 10, 16  # of the measurement of a cost: calls, and steps a call

@@ -18,8 +18,7 @@ LARGEST = 1500  # pixels of the canvas: no sphere is drawn with a larger radius
 IN_FRONT = 0.5  # radii nearer than the fish, from where on a stone is drawn over it
 VEIL = 0.62  # opacity of a stone in front of the fish, which should still be seen
 
-Sprite = tuple[pygame.Surface, tuple[int, int]]
-"""A transparent surface, and where its upper left corner belongs."""
+Sprite = tuple[pygame.Surface, tuple[int, int]]  # A transparent surface, and where its upper left corner belongs
 
 
 def sphere_pictures(frame: Frame, view: View, canvas: tuple[int, int]) -> tuple[list[Sprite], list[Sprite]]:

@@ -9,8 +9,7 @@ from fish_env.bodies import Fish
 from fish_env.scene.skin import CONTRACTED, FLANK, LEVELS, Surface, skin_of
 
 STEPS = 65535  # of a number in 16 bits
-SIDES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])
-"""The four sides of a tetrahedron, outward."""
+SIDES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # the four sides of a tetrahedron, outward
 
 PALETTE: dict[str, Any] = {
     "sky": (206, 232, 234), "floor": (112, 190, 200), "shine": (164, 220, 222), "wall": (70, 120, 150),

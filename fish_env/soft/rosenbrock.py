@@ -32,17 +32,14 @@ GAMMA = 1.0 - math.sqrt(0.5)  # of ROS2: the smaller and more accurate of the tw
 class Rosenbrock:
     """Rosenbrock method of one or two stages, a `fish_env.physics.integrators.Method`."""
 
-    gamma: float = 1.0
-    """Implicit part of the step."""
+    gamma: float = 1.0  # implicit part of the step
     time: tuple[float, ...] = (1.0,)
     """Time of each stage's rest lengths and anchors, in steps.
 
     An implicit method of first order uses those of the end; in one of second order, they add their rate of change.
     """
-    lowest: float = -math.inf
-    """Least effective stiffness of a spring in the matrix, N/m."""
-    wet: bool = False
-    """True if the damping of the water is in the matrix."""
+    lowest: float = -math.inf  # least effective stiffness of a spring in the matrix, N/m
+    wet: bool = False  # true if the damping of the water is in the matrix
 
     def plan(self, elastic, viscous, h):
         return common.plan_of_step(elastic, viscous, h, self.gamma, self.lowest)
@@ -171,6 +168,5 @@ def store_validity(control, work, inner):
 EULER = Rosenbrock()
 PROJECTED = Rosenbrock(lowest=0.0)
 """Variant without the negative transverse stiffness of compressed springs, so that no spring's part is indefinite."""
-WATER = Rosenbrock(wet=True)
-"""Variant with the water's damping along the normals in the matrix."""
+WATER = Rosenbrock(wet=True)  # variant with the water's damping along the normals in the matrix
 ROS2 = Rosenbrock(GAMMA, (GAMMA, 1.0 - GAMMA))

@@ -4,6 +4,8 @@ The forces' derivatives are dense matrices. Those of springs and tetrahedra are 
 elements each, and summed to a sparse one; those of all other forces for the whole body, some columns at a time.
 """
 
+from typing import Any
+
 import numpy as np
 from scipy.sparse import coo_array
 
@@ -45,7 +47,7 @@ def tangent(body: Body, world: World, rest_length, x):
 
 def _pieces(body: Body, rest_length):
     """Split a body: yield the nodes (K,) of a few springs and tetrahedra, a body of these only, and rest lengths."""
-    parts = [part for part in (body.springs._replace(rest_length=rest_length), body.tets) if part is not None]
+    parts: list[Any] = [body.springs._replace(rest_length=rest_length), *([body.tets] if body.tets else [])]
     count = -(-max(1, *(len(part.nodes) for part in parts)) // PIECE)
 
     def cut(part, begin, end):

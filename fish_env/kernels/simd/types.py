@@ -18,10 +18,8 @@ from numba.core.typing.templates import AbstractTemplate, Signature, infer_globa
 from numba.extending import lower_cast, models, register_model
 
 XYZ, DUAL, THREAD = "xyz", "dual", "thread"
-DIRECTIONS = 7
-"""Number of derivatives of a dual number: with its value, they fill one or two registers."""
-WARP = 32
-"""Number of threads of a GPU that run in step: values that they load at once should be adjacent."""
+DIRECTIONS = 7  # number of derivatives of a dual number: with its value, they fill one or two registers
+WARP = 32  # number of threads of a GPU that run in step: values that they load at once should be adjacent
 
 
 class Num(types.Type):

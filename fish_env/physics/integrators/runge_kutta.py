@@ -27,12 +27,9 @@ from fish_env.physics.records import Body
 class RungeKutta:
     """Explicit Runge-Kutta method, a `fish_env.physics.integrators.Method` given by its tableau."""
 
-    time: tuple[float, ...]
-    """Time of each stage, in steps: the step along the slope of the previous stage."""
-    weight: tuple[float, ...]
-    """Weight of each stage's slope; the sum is 1."""
-    symplectic: bool = False
-    """True if positions move at the velocity at the end of the step; for one stage only."""
+    time: tuple[float, ...]  # time of each stage, in steps: the step along the slope of the previous stage
+    weight: tuple[float, ...]  # weight of each stage's slope; the sum is 1
+    symplectic: bool = False  # true if positions move at the velocity at the end of the step; for one stage only
 
     def plan(self, elastic, viscous, h):
         return plan_of_step(elastic, viscous, h)
