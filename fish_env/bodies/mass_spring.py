@@ -176,10 +176,8 @@ OUTLINED = ("half_depth", "half_width", "tail_half_span")
 
 
 def calibrated(water: str | None = None) -> dict:
-    """The parameters calibrated for a level of water, from `mass_spring.json` (which also says how they were found).
-
-    Those for reactive water have an outline, and lack what follows from it, which is then that for drag.
-    """
+    """The parameters calibrated for a level of water, from `mass_spring.json` (which also says how they were found)."""
+    # Those for reactive water have an outline, and lack what follows from it, which is then that for drag.
     return read_calibration("mass_spring", "drag")["parameters"] | read_calibration("mass_spring", water)["parameters"]
 
 
@@ -214,11 +212,9 @@ def along(factors, sections) -> np.ndarray:
 
 
 def drag_points(p: MassSpringParameters, factor=1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (24,4) of the corners in the point of each face of `topology` where its drag acts; drag factors (24,).
-
-    A section bends and rotates, and a single point of a face samples neither. Place and factor are therefore fitted.
-    On the two faces that close the tail fin above and below, the drag acts in their middle.
-    """
+    """Weights (24,4) of the corners in the point of each face of `topology` where its drag acts; drag factors (24,)."""
+    # A section bends and rotates, and a single point of a face samples neither. Place and factor are therefore fitted.
+    # On the two faces that close the tail fin above and below, the drag acts in their middle.
     *_, faces = topology()
     layer = np.repeat(np.arange(7), [len(nodes) for nodes in LAYERS])[faces]
     section = layer.min(axis=1)
@@ -228,13 +224,9 @@ def drag_points(p: MassSpringParameters, factor=1.0) -> tuple[np.ndarray, np.nda
 
 
 def shares(faces, behind, place) -> np.ndarray:
-    """Part (F,4) that each corner has in a point of a face, from 0 between its front corners to 1 between the rear.
-
-    Args:
-        faces: (F,4) nodes; a triangle's third is given twice.
-        behind: (F,4) which corners are the rear ones.
-        place: (F,) of the point.
-    """
+    """Part (F,4) of each corner in a point of a face (F,4), from 0 between its front corners to 1 between the rear."""
+    # `behind` (F,4): which corners are the rear ones. `place` (F,): of the point. A triangle's third node is given
+    # twice.
     twice = np.where(faces[:, 2:3] == faces[:, 3:4], [[1.0, 1.0, 0.5, 0.5]], 1.0)
     ends = [weight / weight.sum(axis=1, keepdims=True) for weight in (twice * ~behind, twice * behind)]
     return (1.0 - place)[:, None] * ends[0] + place[:, None] * ends[1]

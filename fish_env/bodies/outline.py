@@ -98,11 +98,9 @@ def read_outline(given) -> Outline:
 
 
 def layers_for(outline: Outline, standard) -> tuple[float, ...]:
-    """Positions of the five layers of nodes of a fish with this outline, body lengths behind the nose.
-
-    They are the standard ones, (5,), but the last stands at the narrowest station before the tail fin, so that bodies
-    have a peduncle; an outline that is not narrower there than on both sides keeps all five.
-    """
+    """Positions of the five layers of nodes of a fish with this outline, body lengths behind the nose."""
+    # They are the standard ones, (5,), but the last stands at the narrowest station before the tail fin, so that bodies
+    # have a peduncle; an outline that is not narrower there than on both sides keeps all five.
     first, last = PEDUNCLE
     inside = np.flatnonzero((outline.place > first) & (outline.place < last))
     if inside.size:
@@ -137,10 +135,8 @@ def layers_of(p) -> np.ndarray:
 
 
 def stations_of(p) -> tuple[np.ndarray, np.ndarray]:
-    """Stations of the outline and of the layers together, (R,) m behind the nose; and where they are between layers.
-
-    The second, (R,), counts layers: 0 is the nose, 6 the tail tips.
-    """
+    """Stations of the outline and of the layers together, (R,) m behind the nose; and where they are between layers."""
+    # The second, (R,), counts layers: 0 is the nose, 6 the tail tips.
     layers = p.length * np.array([0.0, *p.layer_position, 1.0])
     place = np.union1d(outline_of(p).place, layers)
     section = np.searchsorted(layers[1:-1], place, side="right")

@@ -102,12 +102,9 @@ def masses(p) -> np.ndarray:
 
 
 def project_stiffness(p):
-    """Project the stiffness of the default fish's springs, N/m, onto the plane.
-
-    Returns:
-        chord (6,) of each side of a section, diagonal (6,) of each of two, across (7,) a layer, active (6,) the
-        muscles' part of the chord.
-    """
+    """Project the stiffness of the default fish's springs, N/m, onto the plane."""
+    # Chord (6,) of each side of a section, diagonal (6,) of each of two, across (7,) a layer, active (6,) the muscles'
+    # part of the chord.
     along = p.length * np.diff([0.0, *p.layer_position, 1.0])
     width = p.length * np.array([0.0, *p.half_width, 0.0])
     depth = p.length * np.array([0.0, *p.half_depth, p.tail_half_span])
@@ -130,10 +127,9 @@ def project_stiffness(p):
 
 
 def lattice(chord, diagonal, across):
-    """The springs: pairs (E,2), stiffness (E,) N/m, section (E,), twice that of a chord plus 1 on the right, and place.
-
-    Of springs that are no chords, section is -1. The place (E,) is where along the body they lie (`tu.topology`).
-    """
+    """The springs: pairs (E,2), stiffness (E,) N/m, section (E,) and place (E,)."""
+    # Section is twice that of a chord plus 1 on the right, and -1 of springs that are no chords. The place is where
+    # along the body they lie (`tu.topology`).
     pairs, stiffness, section, place = [], [], [], []
     for k, ((a, b), (c, d)) in enumerate(pairwise(NODES)):
         pairs += [(a, c), (b, d)]
@@ -154,10 +150,8 @@ def lattice(chord, diagonal, across):
 
 
 def surface(p):
-    """Upright faces (F,4), the section each is in (F,) and their depths (F,) m.
-
-    The faces are the flanks, and the slopes that face forward, above and below.
-    """
+    """Upright faces (F,4), the section each is in (F,) and their depths (F,) m."""
+    # The faces are the flanks, and the slopes that face forward, above and below.
     faces, section, height, depth = [], [], [], layers_of(p)[2]
     for k, ((a, b), (c, d)) in enumerate(pairwise(NODES)):
         front, back = depth[k], depth[k + 1]

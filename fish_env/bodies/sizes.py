@@ -24,11 +24,7 @@ def step_parts(length: float) -> int:
 
 
 def check_length(length: float) -> None:
-    """Warn of a length, m, at which the model is not meant to be used.
-
-    Raises:
-        ValueError: for one outside `ALLOWED`.
-    """
+    """Warn of a length, m, at which the model is not meant to be used; ValueError for one outside `ALLOWED`."""
     (least, most), (low, high) = ALLOWED, MEANT
     if not least <= length <= most:
         raise ValueError(f"length is {length:g} m; give {least:g} to {most:g} m, best {low:g} to {high:g} m")

@@ -106,10 +106,8 @@ class EquivariantExtractor(MlpExtractor):
         return self._hidden(features, self.value_net)[0].mean(1)
 
     def _hidden(self, features: torch.Tensor, *networks: nn.Sequential) -> list[torch.Tensor]:
-        """Each network's output for the observations and for their mirror images, (B,2,H).
-
-        The first layer is one product, with the weights mirrored in place of the observations: twice as fast.
-        """
+        """Each network's output for the observations and for their mirror images, (B,2,H)."""
+        # The first layer is one product, with the weights mirrored in place of the observations: twice as fast.
         return [network[1:](self._first(features, network[0]).unflatten(1, (2, -1))) for network in networks]
 
     def _first(self, features: torch.Tensor, layer: nn.Module) -> torch.Tensor:

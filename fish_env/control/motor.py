@@ -165,10 +165,8 @@ def swim_mc(tables: MotorTables, rows: np.ndarray, beats: np.ndarray) -> np.ndar
 
 
 def turn_mc(rows: np.ndarray, side: np.ndarray, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """left-turn-MC (side +1) and right-turn-MC (side -1), `since` (B,) s after their start, for table rows (B,8).
-
-    Returns contractions (B,3,2), and the part (B,) of swimming's strokes that is to be added to them.
-    """
+    """left-turn-MC (side +1) and right-turn-MC (side -1), `since` (B,) s after their start, for table rows (B,8)."""
+    # Contractions (B,3,2), and the part (B,) of swimming's strokes that is to be added to them.
     _, front, middle, tail, strokes, hold, straighten, _ = rows.T
     done = np.clip((since - hold) / straighten, 0.0, 1.0)
     bend = np.zeros((len(rows), 3, 2))
@@ -179,10 +177,8 @@ def turn_mc(rows: np.ndarray, side: np.ndarray, since: np.ndarray) -> tuple[np.n
 
 
 def start_mc(rows: np.ndarray, side: np.ndarray, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """left-start-MC (side +1) and right-start-MC (side -1), `since` (B,) s after their start, for table rows (B,10).
-
-    Returns contractions (B,3,2), and whether (B,) the second stage is not over yet.
-    """
+    """left-start-MC (side +1) and right-start-MC (side -1), `since` (B,) s after their start, for rows (B,10)."""
+    # Contractions (B,3,2), and whether (B,) the second stage is not over yet.
     bend, strike = rows[:, 4], rows[:, 8]
     stages = np.stack([rows[:, 1:4], rows[:, 5:8]], axis=2)  # (B,3,2) as if each side had a stage of its own
     first, second = since <= bend + 1e-9, since <= bend + strike + 1e-9

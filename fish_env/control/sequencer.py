@@ -258,11 +258,9 @@ COURSES = np.radians(np.arange(-105.0, 106.0, 15.0))  # rad off the commanded he
 
 
 def aim_past(obs: np.ndarray, layout: Layout, margins: ObstacleMargins) -> Aim:
-    """Along the course nearest to the commanded heading that passes the obstacle; the heading itself if there is none.
-
-    For each of the COURSES the nearest approach of a fish that swims straight on to an obstacle that drifts on is
-    predicted; a course that is too near costs the more the nearer it passes.
-    """
+    """Along the course nearest to the commanded heading that passes the obstacle; the heading itself without one."""
+    # For each of the COURSES the nearest approach of a fish that swims straight on to an obstacle that drifts on is
+    # predicted; a course that is too near costs the more the nearer it passes.
     commanded = layout.read(obs, "commanded heading").astype(float)
     heading, near, drift = (
         layout.read(obs, name).astype(float)[:, None, :2]

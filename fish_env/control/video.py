@@ -16,11 +16,7 @@ SPEED = "half speed"  # which the pictures say
 
 
 def load_writer(path: Path):
-    """The module that writes videos of this ending: Pillow moving pictures, moviepy the rest.
-
-    Raises:
-        gymnasium.error.DependencyNotInstalled: without it.
-    """
+    """The module that writes videos of this ending: Pillow, moviepy for .mp4; DependencyNotInstalled without it."""
     try:
         return importlib.import_module("moviepy" if path.suffix.lower() == ".mp4" else "PIL.Image")
     except ImportError as error:

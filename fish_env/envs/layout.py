@@ -163,10 +163,8 @@ def row_of(obs: Any, i: int) -> Any:
 
 
 def bytes_of_episode(fish: Fish, remembered: int = 0) -> int:
-    """Approximate memory of the episode of one fish, bytes: observation, bounds, generator, and copies of them.
-
-    `remembered` is how many observations it remembers, those of its history and its delay.
-    """
+    """Approximate memory of the episode of one fish, bytes: observation, bounds, generator, and copies of them."""
+    # `remembered` is how many observations it remembers, those of its history and its delay.
     numbers = 6 * fish.landmarks.node.size + fish.num_muscles + 16
     return (18 + 22 * remembered) * numbers + 3000  # measured with every task: 14 a number, and up to 2,900
 
@@ -242,10 +240,8 @@ def make_sensor_parts(make: PartMaker, fish: Fish, directions: Sequence[Directio
 
 
 def stations(fish: Fish) -> tuple[np.ndarray, np.ndarray]:
-    """Landmarks from the nose to the tail (L,), and the index of the first one of each station, and their end (S+1,).
-
-    The landmarks of a station lie within a hundredth of a body length along the fish at rest.
-    """
+    """Landmarks from the nose to the tail (L,), and the index of the first of each station, and their end (S+1,)."""
+    # The landmarks of a station lie within a hundredth of a body length along the fish at rest.
     along = -fish.points(fish.body.position)[:, 0] / fish.length
     order = np.argsort(along, kind="stable")
     return order, np.flatnonzero(np.diff(along[order], prepend=-np.inf, append=np.inf) > 0.01)

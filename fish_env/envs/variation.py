@@ -56,11 +56,9 @@ def draw(variation: Mapping[str, tuple[float, float]], generator: np.random.Gene
 
 
 def vary(tank: Tank[Fish], i: int, values: Mapping[str, float]) -> None:
-    """Give fish i of the tank the body and the water of these values; values without a name are the original ones.
-
-    A fish of r times the length has muscles as fast, since a key changes one thing: `make_fish(length=...)` slows them
-    by r^0.52 (docs/physics-more.md, eq. 74).
-    """
+    """Give fish i of the tank the body and the water of these values; values without a name are the original ones."""
+    # A fish of r times the length has muscles as fast, since a key changes one thing: `make_fish(length=...)` slows
+    # them by r^0.52 (docs/physics-more.md, eq. 74).
     names = ("stiffness", "mass", "drag", "strength", "contraction_time", "length")
     factors = {name: values[name] for name in names if name in values}
     heading, speed = values.get("current_heading", 0.0), values.get("current", 0.0) * tank.fish.length

@@ -61,12 +61,10 @@ def make_sections(position, mass, groups, edges, outline, flat=False, fin=1) -> 
 
 
 def slopes(place: np.ndarray) -> np.ndarray:
-    """Weights (K,3) of the three nearest of places (K,) m in the slope at each, 1/m.
-
-    Inside, they are those of a parabola. At the tail, the last section alone would delay a swimming wave and a parabola
-    would advance it: CURVED of one with the rest of the other gives waves of 0.8 to 1.2 body lengths the thrust that
-    they have, and cannot become singular where the tail folds.
-    """
+    """Weights (K,3) of the three nearest of places (K,) m in the slope at each, 1/m."""
+    # Inside, they are those of a parabola. At the tail, the last section alone would delay a swimming wave and a
+    # parabola would advance it: CURVED of one with the rest of the other gives waves of 0.8 to 1.2 body lengths the
+    # thrust that they have, and cannot become singular where the tail folds.
     found = np.zeros((place.size, 3))
     for k in range(place.size):
         begin = min(max(k - 1, 0), place.size - 3)

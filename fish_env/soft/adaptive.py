@@ -34,10 +34,8 @@ class Motion:
         return self.start + t * self.rate, *y.reshape(2, -1, 3)  # (1)
 
     def work(self, body: Body, t, y) -> float:
-        """Work of the driven springs, J, over steps that end at the times t (S,) in the states y (6N,S).
-
-        Simpson's rule, with the cubic of Hermite through positions and velocities at both ends of a step.
-        """
+        """Work of the driven springs, J, over steps that end at the times t (S,) in the states y (6N,S)."""
+        # Simpson's rule, with the cubic of Hermite through positions and velocities at both ends of a step.
         driven, h = np.flatnonzero(self.rate), np.diff(t)
         first, second = body.springs.nodes[driven].T
         r, u = (part[second] - part[first] for part in y.reshape(2, -1, 3, len(t)))
@@ -86,10 +84,8 @@ def finite(array):
 
 
 def allowed_error(body: Body, tolerance) -> np.ndarray:
-    """Absolute error tolerance of a step, (6N,): relative to the body's size and to a typical speed.
-
-    The speed is the size times the frequency of its mass on a mean spring; without springs, the highest one.
-    """
+    """Absolute error tolerance of a step, (6N,): relative to the body's size and to a typical speed."""
+    # The speed is the size times the frequency of its mass on a mean spring; without springs, the highest one.
     size, stiffness, rate = np.ptp(body.position, axis=0).max(), body.springs.stiffness, body.max_stiffness_eigenvalue
     if stiffness.size:
         rate = stiffness.mean() / body.mass.sum()

@@ -82,11 +82,9 @@ class TwoLayers:
             raise ValueError(f"inner_radius is {self.inner_radius} m; give less than the radius, {self.radius} m")
 
     def crowded(self, count: int, flat: bool) -> TwoLayers:
-        """The materials of a mesh of `count` nodes a layer.
-
-        Radius springs and barriers act side by side, and share what they bear. Springs along a line are in a row, and
-        so are the shear springs, which lean less the closer the nodes are; on a surface both effects balance.
-        """
+        """The materials of a mesh of `count` nodes a layer."""
+        # Radius springs and barriers act side by side, and share what they bear. Springs along a line are in a row, and
+        # so are the shear springs, which lean less the closer the nodes are; on a surface both effects balance.
         along, share = count / self.nodes if flat else 1.0, self.nodes / count
         return replace(
             self, nodes=count, stiffness=along * self.stiffness, inner_stiffness=along * self.inner_stiffness,
@@ -102,12 +100,9 @@ class TwoLayers:
 
 
 def choose_materials(standard: TwoLayers, changes: dict, layers=2) -> TwoLayers:
-    """Change some of the standard materials, for one layer or two.
-
-    Raises:
-        ValueError: for an unknown name, a value that is not allowed, a mass and a density of the same layer, or a
-            material of the inner layer, of its gas or of what joins it where there is one layer only.
-    """
+    """Change some of the standard materials, for one layer or two."""
+    # ValueError for an unknown name, a value that is not allowed, a mass and a density of the same layer, or a material
+    # of the inner layer, of its gas or of what joins it where there is one layer only.
     names = [field.name for field in fields(TwoLayers)]
     for name in changes:
         check_names("unknown material", names, name)
@@ -139,11 +134,7 @@ def node_masses(skin: Skin, radius: float, mass: float, density: float | None) -
 
 
 def natural_lengths(length, pull, stiffness) -> np.ndarray:
-    """Natural lengths (E,) m of springs that pull with `pull` (E,) N at `length`.
-
-    Raises:
-        ValueError: if a spring would need a natural length that is not positive, with the stiffness that would do.
-    """
+    """Natural lengths (E,) m of springs that pull with `pull` (E,) N at `length`; ValueError if one is not positive."""
     natural = length - pull / stiffness
     if natural.min() <= 0:
         worst = int(np.argmin(natural))

@@ -269,11 +269,9 @@ def _lowest(matrix, free, root, count):
 
 
 def rigid_motions(body: Body, world: World, x, turning: bool) -> np.ndarray:
-    """Orthonormal rigid motions (K,R) of the free degrees of freedom at x (N,3) that fixed nodes and anchors allow.
-
-    They are translations, which no other force of the package resists or drives, and rotations if `turning`. There are
-    none if a user's own force acts, because it may resist them.
-    """
+    """Orthonormal rigid motions (K,R) of the free degrees of freedom at x (N,3) that nodes and anchors allow."""
+    # They are translations, which no other force of the package resists or drives, and rotations if `turning`. There
+    # are none if a user's own force acts, because it may resist them.
     free = _free(body)
     if world.anchors is not None or world.extra:
         return np.zeros((free.size, 0))

@@ -98,13 +98,11 @@ def fibres(p, marks):
 
 
 def softening(mesh, section, poisson) -> np.ndarray:
-    """Factors (6,) on the moduli of the sections, with which each is as stiff in lateral bending as the continuum.
-
-    A linear tetrahedron that is bent is sheared as well, and is too stiff by what that takes: the more, the longer it
-    is along the body and the thinner the body. The factor is the energy of pure bending, by the exact integral, over
-    that of the same displacements of the nodes, between which elements are linear. It tends to 1 as the mesh is refined
-    (docs/physics-more.md, eq. 71).
-    """
+    """Factors (6,) on the moduli of the sections, with which each is as stiff in bending sideways as the continuum."""
+    # A linear tetrahedron that is bent is sheared as well, and is too stiff by what that takes: the more, the longer it
+    # is along the body and the thinner the body. The factor is the energy of pure bending, by the exact integral, over
+    # that of the same displacements of the nodes, between which elements are linear. It tends to 1 as the mesh is
+    # refined (docs/physics-more.md, eq. 71).
     tets = make_tets(mesh.position, mesh.tets, 1.0, poisson)
     x, y, z = mesh.position.T
     bent = np.stack([-x * y, 0.5 * (x**2 + poisson * (y**2 - z**2)), poisson * y * z], axis=1)  # of curvature 1

@@ -84,12 +84,9 @@ def make_two_layer(
 
 
 def two_skins(p, skin, inner, inner_mass, material, pressures, barrier_energy, drag) -> Body:
-    """The body: nodes 0 to 22 the outer skin, 23 to 45 the inner one at `inner` (23,3) m, two compartments, barriers.
-
-    `material`: factors on the bending and the shear stiffness, the inner skin's stiffness over the outer one's, and a
-    factor on the relaxation time.
-    `drag`: factors on the drag of the six sections.
-    """
+    """The body: nodes 0 to 22 the outer skin, 23 to 45 the inner one (23,3) m, two compartments, barriers."""
+    # `material`: factors on the bending and the shear stiffness, the inner skin's stiffness over the outer one's, and a
+    # factor on the relaxation time. `drag`: factors on the drag of the six sections.
     faces, scale = skin.faces, p.length / tu.REFERENCE_LENGTH
     position, mass = np.concatenate([skin.place, inner]), tu.masses(p)
     mass = np.concatenate([(1.0 - inner_mass) * mass, inner_mass * mass])
@@ -126,10 +123,8 @@ def inner_shape(p, size) -> np.ndarray:
 
 
 def corners_of(faces) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of faces, each with its two neighbours (K,3), and the inner partner (K,) that a barrier keeps behind it.
-
-    A quadrilateral cut along one diagonal would not be its own mirror image.
-    """
+    """Corners of faces, each with its two neighbours (K,3), and the inner partner (K,) that a barrier holds."""
+    # A quadrilateral cut along one diagonal would not be its own mirror image.
     triangles, partners = [], []
     for face in faces.tolist():
         around = list(dict.fromkeys(face))

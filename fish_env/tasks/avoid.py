@@ -50,11 +50,9 @@ def write_terms(tank, pose, task, b, terms):
 
 @kernel
 def update_obstacle(tank, pose, task, b):
-    """Move the obstacle, or let it appear if it is due, and measure how near it comes to the fish.
-
-    It stands `gap` body lengths of water ahead of the nose, on the line half way between where the fish points and
-    where it is told to; a drifting one would be there when a cruising fish arrives.
-    """
+    """Move the obstacle, or let it appear if it is due, and measure how near it comes to the fish."""
+    # It stands `gap` body lengths of water ahead of the nose, on the line half way between where the fish points and
+    # where it is told to; a drifting one would be there when a cruising fish arrives.
     task.time[b] += task.interval
     if task.present[b]:
         task.obstacle[b] += task.interval * task.velocity[b]

@@ -53,11 +53,10 @@ def make_dual(body: Body, world: World, names) -> Pack:
 
 @forces.cached
 def make_jacobian(names: tuple[str, ...]):
-    """Make the kernel `(body, world, dual, stiffness, damping, begin)` for columns of -df/dx and -df/dv, (3N,...).
-
-    It sums the smooth ones of these forces on one fish (one lane, float64), in the state of the values in `make_dual`'s
-    pack. `stiffness` (3N,C) receives the columns from number `begin` on, `damping` all of its own, or none if (3N,0).
-    """
+    """Make the kernel `(body, world, dual, stiffness, damping, begin)` for columns of -df/dx and -df/dv, (3N,...)."""
+    # It sums the smooth ones of these forces on one fish (one lane, float64), in the state of the values in
+    # `make_dual`'s pack. `stiffness` (3N,C) receives the columns from number `begin` on, `damping` all of its own, or
+    # none if (3N,0).
     smooth = tuple(name for name in names if not hasattr(forces.FORCES[name], "JUMPS"))
     add_force, add_reaction = forces.total(smooth, "add_force"), forces.total(smooth, "add_reaction")
 

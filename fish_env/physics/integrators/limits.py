@@ -110,11 +110,9 @@ def filtered(reach: float, subtracted: float = 0.0) -> Limit:
 
 
 def polynomial(*coefficients: float) -> Limit:
-    """Limit of a Runge-Kutta method, s, that multiplies a motion exp(z t) by this polynomial of z h in a step.
-
-    Where undamped motion grows at any step, as with explicit Euler, the limit is that of the least damped motion, and
-    zero without damping. Of a large body of springs or gas it is then unknown, nan.
-    """
+    """Limit of a Runge-Kutta method, s, that multiplies a motion exp(z t) by this polynomial of z h in a step."""
+    # Where undamped motion grows at any step, as with explicit Euler, the limit is that of the least damped motion, and
+    # zero without damping. Of a large body of springs or gas it is then unknown, nan.
     amplifies = abs(np.polyval(coefficients, 0.1j)) > 1.0
 
     def limit(body: Body, world: World) -> float:
