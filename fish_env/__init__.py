@@ -30,25 +30,10 @@ from fish_env.tasks import TASKS, Option, Task
 
 __version__ = "0.1.0"
 __all__ = [
-    "BODIES",
-    "INTEGRATORS",
-    "TASKS",
-    "Fish",
-    "FishEnv",
-    "FishVectorEnv",
-    "Integrator",
-    "Option",
-    "Tank",
-    "Task",
-    "World",
-    "make_body",
-    "make_fish",
-    "make_sb3_vec_env",
-    "make_water",
-    "make_world",
-    "observation_layout",
+    "BODIES", "INTEGRATORS", "TASKS", "Fish", "FishEnv", "FishVectorEnv", "Integrator", "Option", "Tank", "Task",
+    "World", "make_body", "make_fish", "make_sb3_vec_env", "make_water", "make_world", "observation_layout",
     "prescribe",
-]
+]  # fmt: skip
 
 
 if TYPE_CHECKING:

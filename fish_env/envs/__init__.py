@@ -10,17 +10,8 @@ from fish_env.envs.vector import FishVectorEnv
 from fish_env.physics.lazy import lazy_names
 
 __all__ = [
-    "LAYOUT_VERSION",
-    "VARIATIONS",
-    "FishEnv",
-    "FishState",
-    "FishVectorEnv",
-    "Layout",
-    "Part",
-    "StubEnv",
-    "StubVectorEnv",
-    "make_sb3_vec_env",
-    "observation_layout",
-]
+    "LAYOUT_VERSION", "VARIATIONS", "FishEnv", "FishState", "FishVectorEnv", "Layout", "Part", "StubEnv",
+    "StubVectorEnv", "make_sb3_vec_env", "observation_layout",
+]  # fmt: skip
 
 __getattr__ = lazy_names(__name__, {"sb3": "fish_env.envs.sb3"})  # it needs Stable-Baselines3

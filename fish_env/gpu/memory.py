@@ -32,28 +32,15 @@ def is_own(value) -> bool:
 
 
 class Upload:
-    """Copy of a pack and its content in another memory.
+    """Copy of a pack of the host and its content in another memory, part of which each warp has for itself.
 
-    Args:
-        pack: the pack on the host.
-        warps: number of warps that have their own memory.
-        place: `place(array)` copies a numpy array there, `place(shape, dtype)` makes one of zeros; both return it.
-        address: `address(placed)` returns its address.
-        axes: axes of the fish (`fish_axes`) in arrays that have another number of fish there, and begin with zeros.
-        num_fish: that number.
-
+    `place(array)` copies a numpy array there, `place(shape, dtype)` makes one of zeros; `address(placed)` is where.
+    `axes` are those of the fish (`fish_axes`) in arrays that have `num_fish` fish there, and begin with zeros.
     Two arrays of the pack that share memory on the host also share it there, if they begin at the same address.
     """
 
-    def __init__(
-        self,
-        pack: Pack,
-        warps: int,
-        place: Callable[..., Any],
-        address: Callable[[Any], int],
-        axes: Mapping[str, int] | None = None,
-        num_fish: int = 0,
-    ):
+    def __init__(self, pack: Pack, warps: int, place: Callable[..., Any], address: Callable[[Any], int],
+                 axes: Mapping[str, int] | None = None, num_fish: int = 0):  # fmt: skip
         self.type = gpu_type(pack.type)
         self._place, self._address, self._warps = place, address, warps
         self._axes, self._num_fish = axes or {}, num_fish

@@ -13,10 +13,8 @@ import numpy as np
 from fish_env.bodies import BODIES, fitted
 from fish_env.control.gait import best_gait
 from fish_env.lab.scene import Control, Scene
-from fish_env.physics.fish import ElasticObject
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.integrators import INTEGRATORS
-from fish_env.physics.records import Body
 from fish_env.physics.tank import Tank
 from fish_env.physics.tank_options import own_step
 from fish_env.scene.frame import NOTHING, Arrow, Frame
@@ -93,15 +91,6 @@ SETTINGS: dict[str, Setting] = {
 }
 
 
-def changed_body(original: ElasticObject, settings: dict[str, Any]) -> Body:
-    """The body of an object with the settings of its body, as far as it has what they change."""
-    gas, inner = original.body.compartments is not None, len(getattr(original, "inner", ())) > 0
-    return change_body(
-        original, settings["stiffness"], settings["damping"], settings["density"],
-        settings["inner_density"] if inner else 1.0, settings["pressure"] if gas else 1.0,
-    )  # fmt: skip
-
-
 class SimulatedObject:
     """An object that moves, and actions on it; ValueError for too many nodes, or a method that cannot move it there."""
 
@@ -128,7 +117,10 @@ class SimulatedObject:
         planes = {"own": own.planes, "none": None, "closed room": closed}[settings["walls"]]
         part = None if planes is None else settings["restitution"]
         world = change_world(own._replace(planes=planes), settings["gravity"] * self.down, part)
-        made = replace(self.original, body=changed_body(self.original, settings))
+        factors = [settings[name] for name in ("stiffness", "damping", "density")]
+        factors.append(settings["inner_density"] if len(getattr(self.original, "inner", ())) else 1.0)
+        factors.append(settings["pressure"] if self.original.body.compartments is not None else 1.0)
+        made = replace(self.original, body=change_body(self.original, *factors))
         name = self.entry.integrator or made.integrator
         self.own_step = own_step(made, INTEGRATORS[name])
         dt = None if step == 1.0 else step * self.own_step

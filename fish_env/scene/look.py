@@ -9,7 +9,6 @@ from fish_env.bodies import Fish
 from fish_env.scene.skin import CONTRACTED, FLANK, LEVELS, Surface, skin_of
 
 STEPS = 65535  # of a number in 16 bits
-SIDES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # the four sides of a tetrahedron, outward
 
 PALETTE: dict[str, Any] = {
     "sky": (206, 232, 234), "floor": (112, 190, 200), "shine": (164, 220, 222), "wall": (70, 120, 150),
@@ -67,7 +66,7 @@ def layers_of(thing: Any) -> list[tuple[np.ndarray, tuple, float]]:
     """Faces (Q,4) of each layer of an elastic object, from the outside in, with its colour and its opacity."""
     outer, inner = PALETTE["layers"]
     if thing.body.tets is not None:
-        return [(as_quads(boundary(thing.body.tets.nodes)), PALETTE["solid"], 1.0)]
+        return [(thing.skin, PALETTE["solid"], 1.0)]
     two = len(thing.inner) > 0
     if not len(thing.skin):
         return []
@@ -81,21 +80,9 @@ def layers_of(thing: Any) -> list[tuple[np.ndarray, tuple, float]]:
     return [(band, outer, 1.0), (fan(thing.inner[a]), inner, 1.0)]
 
 
-def as_quads(triangles: np.ndarray) -> np.ndarray:
-    """Triangles (K,3) as faces (K,4) that give their third node twice."""
-    return np.column_stack([triangles, triangles[:, 2]])
-
-
 def fan(ring: np.ndarray) -> np.ndarray:
     """Faces (K-2,4) from the first node of a ring (K,) to all its edges."""
-    return as_quads(np.stack([np.full(len(ring) - 2, ring[0]), ring[1:-1], ring[2:]], axis=1))
-
-
-def boundary(tets: np.ndarray) -> np.ndarray:
-    """The sides (K,3) of tetrahedra (T,4) that only one of them has, outward."""
-    sides = tets[:, SIDES].reshape(-1, 3)
-    _, first, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
-    return sides[np.sort(first[count == 1])]
+    return np.stack([np.full(len(ring) - 2, ring[0]), ring[1:-1], ring[2:], ring[2:]], axis=1)
 
 
 def pack_look(look: Look) -> dict[str, Any]:

@@ -18,18 +18,10 @@ from fish_env.soft.conditions import present
 
 
 def change_body(thing: ElasticObject, stiffness=1.0, damping=1.0, mass=1.0, inner_mass=1.0, pressure=1.0) -> Body:
-    """The body of an object with factors on its materials.
+    """A new body of an object with factors on its materials, which `Tank.change` describes.
 
-    Args:
-        thing: the object; it keeps its own body.
-        stiffness: of springs, tetrahedra, gas and barriers, positive.
-        damping: of springs and tetrahedra, zero or positive.
-        mass: of all nodes, positive.
-        inner_mass: of the nodes of an inner layer, positive, in addition.
-        pressure: of the gas, zero or positive: natural lengths of springs remain, so that the object changes its size.
-
-    Raises:
-        ValueError: for a factor that is not allowed, or gas or an inner layer that the object does not have.
+    Under another pressure, natural lengths of springs remain, so that the object changes its size. ValueError for a
+    factor that is not positive (damping and pressure may be zero), or for gas or an inner layer that there is not.
     """
     positive_array([stiffness, mass, inner_mass], (3,), "factors on stiffness, mass and inner mass")
     positive_array([damping, pressure], (2,), "factors on damping and pressure", zero=True)

@@ -15,24 +15,15 @@ NEIGHBOURS = 3  # nodes of the old level that a node of the new one lies between
 
 
 def projected_size(size: float, distance: float, focal: float) -> float:
-    """Pixels that a length `size`, m, covers at a `distance`, m, across the view of a pinhole camera.
-
-    `focal` is the camera's focal length in pixels: half the picture's width over the tangent of half its angle.
-
-    Raises:
-        ValueError: for a number that is not finite and positive.
-    """
+    """Pixels that a length `size`, m, covers at a `distance`, m; ValueError for a number that is not positive."""
+    # `focal` is a pinhole camera's focal length in pixels: half the picture's width over the tangent of half its angle.
     for name, value in (("size (m)", size), ("distance (m)", distance), ("focal (pixels)", focal)):
         positive_array(value, (), name)
     return float(size * focal / distance)
 
 
 def facet_gap(level: int) -> float:
-    """Largest gap between an edge of a uniform sphere's mesh and the sphere, over its radius.
-
-    Raises:
-        ValueError: for a level outside 0 to FINEST.
-    """
+    """Largest gap between an edge of a uniform sphere's mesh and the sphere, over its radius; level 0 to FINEST."""
     skin = octasphere(whole(level, "level", 0, FINEST))
     return float(1.0 - np.linalg.norm(skin.place[skin.edges].mean(axis=1), axis=1).min())
 
@@ -45,14 +36,10 @@ class LevelOfDetail:
     when the coarser level's gap is below `pixels` by the part `margin`: else it would flicker at a limit.
     """
 
-    radius: float = 0.1
-    """Radius of the sphere, m."""
-    pixels: float = 1.0
-    """Largest gap allowed."""
-    margin: float = 0.2
-    """Part, from 0 to less than 1."""
-    level: int | None = None
-    """The last choice; None before the first."""
+    radius: float = 0.1  # of the sphere, m
+    pixels: float = 1.0  # largest gap allowed
+    margin: float = 0.2  # part, from 0 to less than 1
+    level: int | None = None  # the last choice; None before the first
 
     def __post_init__(self):
         positive_array(self.radius, (), "radius (m)")
@@ -63,11 +50,7 @@ class LevelOfDetail:
         self.gaps = [facet_gap(level) for level in range(FINEST + 1)]
 
     def choose(self, distance: float, focal: float) -> int:
-        """Return the level, 0 to FINEST, at a `distance`, m, from the viewer, `focal` as in `projected_size`.
-
-        Raises:
-            ValueError: for a number that is not finite and positive.
-        """
+        """Return the level, 0 to FINEST, at a `distance`, m, from the viewer, `focal` as in `projected_size`."""
         seen = [projected_size(gap * self.radius, distance, focal) for gap in self.gaps]
         enough = next((level for level, gap in enumerate(seen) if gap <= self.pixels), FINEST)
         if self.level is not None and enough < self.level:
@@ -84,11 +67,7 @@ def carry_over(old: Layered, new: Layered, values) -> np.ndarray:
 
     Each layer's values are an affine map of its places at rest, fitted by least squares, and a remainder, which is
     interpolated between the nearest nodes at rest. So affine motion, rigid motion included, is carried over exactly,
-    and a node that both levels have keeps its value.
-
-    Raises:
-        ValueError: for values of another shape or not finite, or if one of the objects has a layer that the other
-            has not.
+    and a node that both levels have keeps its value. ValueError for other values, or objects of other layers.
     """
     values = finite_array(values, old.body.position.shape, "values")
     found = np.empty_like(new.body.position)

@@ -71,15 +71,8 @@ def make_world(gravity=(0.0, 0.0, 0.0), planes=(), viscosity=0.0, water: World =
 def room(down, size: float, restitution=0.5, gravity=GRAVITY, closed=False) -> World:
     """Gravity, m/s2, and walls at `size` m from the origin along x and along `down`, (3,): the room of an object.
 
-    Args:
-        down: unit vector along which gravity pulls.
-        size: from the origin to each wall, m.
-        restitution: the part of a node's normal speed that an impact leaves it, 0 to 1.
-        gravity: m/s2.
-        closed: whether walls stand on all six sides, floor and ceiling included, so that nothing can leave.
-
-    Raises:
-        ValueError: for a restitution outside 0 to 1, or a number that is not finite.
+    `down` is a unit vector, along which gravity pulls; `restitution` is as of `make_world`. Closed, the room has walls
+    on all six sides, floor and ceiling included, so that nothing can leave.
     """
     down, size, gravity = finite_array(down, (3,), "down"), real(size), real(gravity)
     sides = {(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), tuple(down.tolist())}

@@ -24,7 +24,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.linalg import null_space, orth
+from scipy.linalg import orth
 from scipy.sparse import block_array, csc_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
@@ -32,6 +32,7 @@ from fish_env.checks import check_names, finite_array, is_whole, positive_array
 from fish_env.physics.body import node_numbers
 from fish_env.physics.failures import ESCAPED
 from fish_env.physics.forces.evaluate import Evaluator
+from fish_env.physics.integrators import limits
 from fish_env.physics.integrity import check_problem
 from fish_env.physics.linalg import rates
 from fish_env.physics.records import Body, World
@@ -275,15 +276,8 @@ def rigid_motions(body: Body, world: World, x, turning: bool) -> np.ndarray:
     free = _free(body)
     if world.anchors is not None or world.extra:
         return np.zeros((free.size, 0))
-    arms = x - x.mean(axis=0)
-    motions = np.zeros((*x.shape, 6 if turning else 3))
-    motions[:, [0, 1, 2], [0, 1, 2]] = 1.0
-    for axis in range(3 if turning else 0):
-        motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms) / max(np.abs(arms).max(), 1e-300)
-    motions = motions.reshape(x.size, -1)
-    fixed = motions[body.inverse_mass.ravel() == 0.0]
-    allowed = null_space(fixed, rcond=RANK) if fixed.size else np.eye(motions.shape[1])
-    return orth(motions[free] @ allowed, rcond=RANK) if allowed.size else np.zeros((free.size, 0))
+    motions = limits.rigid_motions(body, x, turning)[free]
+    return orth(motions, rcond=RANK) if motions.size else motions
 
 
 def _solver(body: Body, matrix, rigid, slack=0.0) -> Callable:

@@ -47,7 +47,7 @@ def motion(body: Body, world: World, subtracted: float = 0.0) -> tuple[np.ndarra
         parts: Any = [assemble(forces.rest_matrices(body, elastic), free.size, free.size) for elastic in (True, False)]
         taut = subtracted * springs.effective(body)
         parts[0] -= assemble([(body.springs.nodes, taut[:, None, None] * springs.EVERY_WAY)], free.size, free.size)
-        rigid = np.linalg.qr(np.linalg.solve(root, rigid_motions(body)[free]))[0]
+        rigid = np.linalg.qr(np.linalg.solve(root, rigid_motions(body, body.position)[free]))[0]
         kept = np.eye(len(root)) - rigid @ rigid.T  # else gas that its springs do not balance would turn the body
         matrices = tuple(kept @ root @ part[free][:, free] @ root.T @ kept for part in parts)
         if world.anchors is not None:
@@ -61,15 +61,14 @@ def motion(body: Body, world: World, subtracted: float = 0.0) -> tuple[np.ndarra
     return matrices[0] + elastic * one, matrices[1] + viscous * one
 
 
-def rigid_motions(body: Body) -> np.ndarray:
-    """Displacements (3N,K) of the rigid motions that leave all fixed degrees of freedom where they are."""
-    x = body.position - body.position.mean(axis=0)
-    turns = np.stack([np.cross(axis, x) for axis in np.eye(3)], axis=2)
-    all_six = np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), turns], axis=2).reshape(-1, 6)
-    all_six /= np.maximum(np.linalg.norm(all_six, axis=0), 1e-300)
-    fixed = all_six[body.inverse_mass.ravel() == 0.0]
-    sizes, axes = np.linalg.svd(np.concatenate([fixed, np.zeros((6, 6))]))[1:]
-    motions = all_six @ axes[sizes < 1e-9].T
+def rigid_motions(body: Body, x: np.ndarray, turning: bool = True) -> np.ndarray:
+    """Displacements (3N,K) of the rigid motions at x (N,3) m that leave all fixed degrees of freedom where they are."""
+    turns = np.stack([np.cross(axis, x - x.mean(axis=0)) for axis in np.eye(3)], axis=2)
+    every = np.concatenate([np.tile(np.eye(3), (len(x), 1, 1)), turns[..., : 3 * turning]], axis=2).reshape(x.size, -1)
+    every /= np.maximum(np.linalg.norm(every, axis=0), 1e-300)
+    fixed = every[body.inverse_mass.ravel() == 0.0]
+    sizes, axes = np.linalg.svd(np.concatenate([fixed, np.zeros((every.shape[1], every.shape[1]))]))[1:]
+    motions = every @ axes[sizes < 1e-9].T
     return motions[:, np.linalg.norm(motions, axis=0) > 1e-9]
 
 
