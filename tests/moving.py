@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fish_env import BODIES, INTEGRATORS, Tank, make_fish
+from fish_env.bodies.masses import Moments
 from fish_env.kernels.compile import njit
 from fish_env.kernels.simd import Kind, Pack, Vectors, packed, zero
 from fish_env.physics import forces
@@ -375,3 +376,14 @@ def force(name, body, world, x, v, rest_length=None):
 def close(actual, wanted, tolerance=1e-12):
     """Equal up to `tolerance` times the largest element."""
     np.testing.assert_allclose(actual, wanted, rtol=0, atol=tolerance * np.abs(wanted).max())
+
+
+def moments(mass, position):
+    """The moments of node masses (N,) kg at positions (N,3) m."""
+    centre = mass @ position / mass.sum()
+    return Moments(float(mass.sum()), float(centre[0]), mass @ (position - centre) ** 2)
+
+
+def inertia(found):
+    """Roll, pitch and yaw inertia about the centre, (3,) kg m2, of `Moments`."""
+    return found.squares.sum() - found.squares

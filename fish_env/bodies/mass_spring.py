@@ -17,7 +17,7 @@ from fish_env.checks import UnknownOptionError, check_names, finite_array, posit
 from fish_env.physics.body import make_body
 from fish_env.physics.elements import make_sections
 from fish_env.physics.fish import Fish
-from fish_env.physics.records import Body, World
+from fish_env.physics.records import Body
 from fish_env.physics.world import make_water
 
 NOSE, TAIL = 0, (21, 22)
@@ -320,16 +320,12 @@ def make_published(contracted=(0.7, 0.7, 0.7), contraction_time=0.73, time_step=
 
 def common_fields(p: MassSpringParameters) -> dict:
     """Fields of `Fish` that every body takes from the parameters as they are, and its own water."""
+    inertia = {} if p.added_mass is None else {"inertia": True, "added_mass": p.added_mass}
     return {
         "length": p.length, "contraction_time": p.contraction_time, "lengthening": p.lengthening,
-        "control_interval": p.control_interval, "water": water_of(p),
+        "control_interval": p.control_interval, "water": make_water(
+            WATER_DENSITY, p.drag_coefficient, p.law, friction=p.friction, thinning=p.thinning, **inertia),
     }  # fmt: skip
-
-
-def water_of(p: MassSpringParameters) -> World:
-    """The fish's own water."""
-    inertia = {} if p.added_mass is None else {"inertia": True, "added_mass": p.added_mass}
-    return make_water(WATER_DENSITY, p.drag_coefficient, p.law, friction=p.friction, thinning=p.thinning, **inertia)
 
 
 def _fish(name: str, body: Body, contracted, **others) -> Fish:

@@ -26,11 +26,6 @@ class Moments(NamedTuple):
     centre: float  # x of the centre of mass, m
     squares: np.ndarray  # (3,) sums of mass times the square of each coordinate's distance from the centre, kg m2
 
-    @property
-    def inertia(self) -> np.ndarray:
-        """Roll, pitch and yaw inertia about the centre, (3,) kg m2."""
-        return self.squares.sum() - self.squares
-
 
 def _points(p):
     """Mass (R,6) kg, place, half width and half depth (R,6) m of the Gauss points between R + 1 stations."""
@@ -48,13 +43,6 @@ def continuum(p) -> Moments:
     centre = -(mass * place).sum() / total
     squares = [(mass * part).sum() for part in ((-place - centre) ** 2, width**2 / thin, depth**2 / thin)]
     return Moments(float(total), float(centre), np.array(squares))
-
-
-def moments(mass, position) -> Moments:
-    """The moments of node masses (N,) kg at positions (N,3) m."""
-    total = mass.sum()
-    centre = mass @ position / total
-    return Moments(float(total), float(centre[0]), mass @ (position - centre) ** 2)
 
 
 def layer_masses(p) -> np.ndarray:

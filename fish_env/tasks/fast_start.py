@@ -8,7 +8,6 @@ from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import Kind, Vectors, dot, vec3
 from fish_env.physics.tank import Tank
 from fish_env.tasks import rewards, turns
-from fish_env.tasks.measures import measure_strain
 from fish_env.tasks.options import Option
 from fish_env.tasks.start import POSE_OPTIONS, heading_vector
 from fish_env.tasks.turns import ANGLE_SIGNED, WAIT, CommandedTurns
@@ -26,7 +25,7 @@ def write_terms(tank, pose, task, b, terms):
     course = task.course
     terms[0, b] = rewards.progress(tank, pose, task.before, task.heading, b)  # (46)
     terms[1, b] = rewards.effort(tank, task.effort_weight, task.interval, b)  # (48)
-    measure_strain(tank, task.strain, b)
+    turns.measure_strain(tank, task.strain, b)
     turns.track_commands(pose, task, b)
     task.before[b] = pose.centre[b]
     if course.stage[b] > 0:

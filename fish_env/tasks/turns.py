@@ -9,13 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fish_env.kernels.compile import kernel
-from fish_env.kernels.simd import Kind, Pack, Vectors, vec3
+from fish_env.kernels.compile import INDEX, kernel
+from fish_env.kernels.simd import Kind, Pack, Vectors, dot, sqrt, vec3
 from fish_env.physics.pose import FORWARD
 from fish_env.physics.tank import Tank
 from fish_env.tasks import rewards
 from fish_env.tasks.base import CompiledTask
-from fish_env.tasks.measures import measure_strain
 from fish_env.tasks.options import Direction, Option, weight
 from fish_env.tasks.rewards import wrap_angle
 from fish_env.tasks.start import heading_vector, place
@@ -152,6 +151,15 @@ def overshoot_angle(task, b):
     wanted = course.angle[b, stage - 1]
     turned = (mean_facing(course, b) - course.origin[b]) * (1.0 if wanted > 0.0 else -1.0)
     return min(max(turned - abs(wanted), 0.0), math.pi)
+
+
+@kernel
+def measure_strain(tank, strain, b):
+    """Raise strain[b] to the largest |length / natural length - 1| of any spring of fish b."""
+    x, nodes = tank.position, tank.spring_nodes
+    for e in range(tank.spring_length.size):
+        r = x[b, INDEX(nodes[e, 1])] - x[b, INDEX(nodes[e, 0])]
+        strain[b] = max(strain[b], abs(sqrt(dot(r, r)) / tank.spring_length[e] - 1.0))
 
 
 @kernel

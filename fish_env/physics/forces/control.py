@@ -9,6 +9,7 @@ STIFFNESS, MASS, DRAG, CURRENT = 0, 1, 2, 3  # columns of a fish's factors and c
 NOMINAL = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 """Default factors on stiffness (and damping), mass and drag, and additional current, m/s."""
 NO_PLAN = np.zeros((1, 8))
+FACTORS = ("stiffness", "drag", "lightness", "shortness")  # of each fish of a block
 
 
 def make_control(body: Body, kind: Kind, driven=(), plans=NO_PLAN, costs=None, constant=False, line=None) -> Pack:
@@ -29,15 +30,8 @@ def make_control(body: Body, kind: Kind, driven=(), plans=NO_PLAN, costs=None, c
         start=kind.numbers(len(driven)),
         rate=kind.numbers(len(driven)),
         driven=np.array(driven, dtype=np.int64),
-        stiffness=kind.numbers(1),
-        drag=kind.numbers(1),
-        lightness=kind.numbers(1),
-        shortness=kind.numbers(1),
+        **{name: kind.numbers(1) for name in (*FACTORS, "fastest", "work", "pivots", "untrusted")},
         current=kind.vectors(1),
-        fastest=kind.numbers(1),
-        work=kind.numbers(1),
-        pivots=kind.numbers(1),
-        untrusted=kind.numbers(1),
         plans=plans,
         costs=np.zeros((len(plans), 3), dtype=np.int64) if costs is None else costs,
         row=kind.scratch(1, "int64"),
@@ -52,6 +46,6 @@ def make_control(body: Body, kind: Kind, driven=(), plans=NO_PLAN, costs=None, c
         ),
     )
     control.rest_length.memory[:, : kind.width] = body.springs.rest_length[:, None]
-    for name in ("stiffness", "drag", "lightness", "shortness"):
+    for name in FACTORS:
         getattr(control, name).memory[:, : kind.width] = 1.0
     return control

@@ -18,13 +18,7 @@ from fish_env.kernels.compile import INDEX, kernel
 from fish_env.kernels.simd import fma, zero
 from fish_env.physics import forces
 from fish_env.physics.forces.plan import FACTOR, FIRST, LEAST, MIDPOINT, POLYNOMIAL, STAGES, H
-from fish_env.physics.integrators.common import (
-    add_work,
-    make_constrain,
-    make_measure,
-    move_rest_lengths,
-    scratch,
-)
+from fish_env.physics.integrators.common import add_work, make_constrain, make_measure, move_rest_lengths, scratch
 from fish_env.physics.records import Body
 
 DAMPING = 3.5  # of the polynomial: excess of its midpoint over 1, times the square of the number of stages

@@ -13,13 +13,7 @@ from fish_env.kernels.compile import kernel
 from fish_env.kernels.simd import fma, zero
 from fish_env.physics import forces
 from fish_env.physics.forces.plan import H
-from fish_env.physics.integrators.common import (
-    add_work,
-    make_measure,
-    move_rest_lengths,
-    plan_of_step,
-    scratch,
-)
+from fish_env.physics.integrators.common import add_work, make_measure, move_rest_lengths, plan_of_step, scratch
 from fish_env.physics.records import Body
 
 
