@@ -196,10 +196,8 @@ def shape(p: MassSpringParameters) -> np.ndarray:
 
 
 def masses(parameters: MassSpringParameters) -> np.ndarray:
-    """Node masses (23,) kg with the mass, the centre and the yaw inertia of the outline (`fish_env/bodies/masses.py`).
-
-    Pitch and roll inertia are larger than the outline's: all 23 nodes lie on it, above and below the axis.
-    """
+    """Node masses (23,) kg with mass, centre and yaw inertia of the outline (`fish_env/bodies/masses.py`)."""
+    # Pitch and roll inertia are larger than the outline's: all 23 nodes lie on it, above and below the axis.
     mass = np.empty(23)
     for nodes, share in zip(LAYERS, layer_masses(parameters) * parameters.mass_factor, strict=True):
         mass[nodes] = share / len(nodes)

@@ -111,11 +111,9 @@ def layers_for(outline: Outline, standard) -> tuple[float, ...]:
 
 
 def outline_of(p) -> Outline:
-    """The outline, in m, of a fish with these `MassSpringParameters`: the one given, else straight between its layers.
-
-    Lateral added mass is pi times the density of water times the square of `half_depth`, a metre of body; vertical
-    added mass has `half_width` instead.
-    """
+    """The outline, in m, of a fish with these `MassSpringParameters`: that given, else straight between its layers."""
+    # Lateral added mass is pi times the density of water times the square of `half_depth`, a metre of body; vertical
+    # added mass has `half_width` instead.
     if p.outline is not None:
         scaled = (p.length * part for part in (p.outline.place, p.outline.widths, p.outline.depths))
         return Outline(*scaled, elliptic=p.outline.elliptic)
@@ -144,11 +142,9 @@ def stations_of(p) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sides_of(p) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Half sides, m, of the rectangles through which a mesh is lofted: where they are between layers, width and depth.
-
-    They have the area and the proportions of the cross-sections, but nose and tail end in a point and an upright edge.
-    Along the tail fin, the sides tend to the half axes, so that its tips are those of the outline.
-    """
+    """Half sides, m, of the rectangles of which a mesh is made: where they are between layers, width and depth."""
+    # They have the area and the proportions of the cross-sections, but nose and tail end in a point and an upright
+    # edge. Along the tail fin, the sides tend to the half axes, so that its tips are those of the outline.
     whole = outline_of(p)
     place, layer = stations_of(p)
     side = whole.side + (1.0 - whole.side) * np.clip(layer - 5.0, 0.0, 1.0)

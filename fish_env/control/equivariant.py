@@ -210,11 +210,7 @@ def export_policy(
 
 
 def actor_modules(policy: Any) -> tuple[nn.Module, list[nn.Module]]:
-    """The features extractor of a policy's actor, and the modules from features to actions that are not yet in [-1, 1].
-
-    Raises:
-        ValueError: for another policy than those that `export_policy` names.
-    """
+    """The features extractor of an actor, and the modules from features to actions of any size; else ValueError."""
     kind = type(policy)
     if f"{kind.__module__}.{kind.__qualname__}" not in POLICIES:
         raise ValueError(f"a {kind.__name__} is not exported; train PPO, A2C, SAC, TD3, DDPG or TQC with an MlpPolicy")

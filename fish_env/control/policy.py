@@ -101,18 +101,14 @@ class Policy:
     def to_onnx(self, path: str | Path) -> None:
         """Write an `.onnx` model from `observation` (B,D) to `action` (B,A), float32; `load_policy` reads it again.
 
-        Raises:
-            ImportError: without onnx, of the extra [onnx].
-            ValueError: for another ending.
+        ImportError without onnx, of the extra [onnx]; ValueError for another ending.
         """
         write_onnx(self.parts(), _checked_ending(path, ".onnx"))
 
     def to_torchscript(self, path: str | Path) -> None:
         """Write a TorchScript module from observations (B,D) to actions (B,A), float32, for `torch.jit.load`.
 
-        Raises:
-            ImportError: without torch, of the extra [train].
-            ValueError: for another ending than `.pt`.
+        ImportError without torch, of the extra [train]; ValueError for another ending than `.pt`.
         """
         write_torchscript(self.parts(), _checked_ending(path, ".pt"))
 
@@ -142,11 +138,7 @@ def shipped_policies() -> dict[str, Path]:
 
 
 def shipped_policy(task: str) -> Path:
-    """The policy file that comes with the package for a task: `load_policy(shipped_policy("turn"))`.
-
-    Raises:
-        ValueError: if there is none, naming those that there are.
-    """
+    """The policy file that comes with the package for a task, such as "turn"; ValueError names those there are."""
     found = shipped_policies()
     check_names("no policy is shipped for", found, task)
     return found[task]

@@ -76,11 +76,7 @@ class Recording:
         return len(self.action)
 
     def save(self, path: str | Path) -> Path:
-        """Write an .npz file, whole or not at all; nothing in it is pickled.
-
-        Raises:
-            ValueError: for another ending, a folder that cannot be written to.
-        """
+        """Write an .npz file, whole or not at all, nothing in it pickled; ValueError for a path that cannot be."""
         path = writable_file(path, (ENDING,))
         parts: dict[str, Any] = {"kind": KIND, "format": FORMAT, "about": json.dumps(dict(self.about))}
         arrays = arrays_of(self)
@@ -145,12 +141,7 @@ def as_json(value: Any, name: str) -> Any:
 
 
 def load_recording(path: str | Path) -> Recording:
-    """Read a recording, for plots or to replay it.
-
-    Raises:
-        FileNotFoundError: if there is no such file.
-        ValueError: if it is truncated, pickled, of another kind or format, or if its parts do not fit together.
-    """
+    """Read a recording, for plots or to replay it; FileNotFoundError without a file, ValueError for any other."""
     path = Path(path)
     if not os.path.isfile(path):  # also for names that are too long
         raise FileNotFoundError(f"there is no recording {path}; give a file that Recording.save wrote")

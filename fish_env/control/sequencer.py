@@ -167,11 +167,7 @@ class Sequencer:
 
 
 class FastStartSequencer(Sequencer):
-    """Glides until it is told where to; then a C-start, and from its end on what the sequencer does.
-
-    Raises:
-        ValueError: for tables without fast starts.
-    """
+    """Glides until it is told where to; then a C-start, then as the sequencer; ValueError for tables without."""
 
     def __init__(self, env: FishVectorEnv, aim: AimFunction, tables: MotorTables, config: SequencerConfig):
         if tables.starts is None:

@@ -88,17 +88,10 @@ class Layout:
     def __init__(
         self, fish: Fish, directions: Sequence[Direction], observation: str = "nodes", history: int = 0, groups=None
     ):
-        """Lay out what a fish observes in a task with these directions.
+        """Lay out what a fish observes in a task with these directions, and so many actions and observations before.
 
-        Args:
-            fish: the fish.
-            directions: of the task.
-            observation: one of OBSERVATIONS.
-            history: how many actions and observations before the present one follow it.
-            groups: (M,) the action that drives each muscle; None for one each.
-
-        Raises:
-            ValueError: for an unknown observation, or if two parts would have the same name.
+        `groups` (M,) are the actions that drive the muscles; None for one each. ValueError for an unknown observation,
+        or if two parts would have the same name.
         """
         check_names("unknown observation", OBSERVATIONS, observation)
         make, self.observation = PartMaker(fish), observation

@@ -30,11 +30,9 @@ class Springs(NamedTuple):
 
 
 class Faces(NamedTuple):
-    """Surface elements the water acts on: F quadrilaterals, or triangles with their third node given twice.
+    """Surface elements the water acts on: F quadrilaterals, or triangles with their third node given twice."""
 
-    A face of a flat body stands upright on it: its third and fourth corner are `depth` above the nodes they name.
-    """
-
+    # A face of a flat body stands upright on it: its third and fourth corner are `depth` above the nodes they name.
     nodes: np.ndarray  # (F,4) counter-clockwise seen from outside
     share: np.ndarray  # (F,4) part of the face's force each corner carries; rows sum to 1
     drag: np.ndarray  # (F,) factor on the drag; the water acts at one point of the face
@@ -73,11 +71,9 @@ class Barriers(NamedTuple):
 
 
 class Sections(NamedTuple):
-    """Sections of a body from head to tail, along which the inertia of the water acts: K of them.
+    """Sections of a body from head to tail, along which the inertia of the water acts: K of them."""
 
-    A section moves as its centre does, the mean of its P_k nodes by mass.
-    """
-
+    # A section moves as its centre does, the mean of its P_k nodes by mass.
     nodes: np.ndarray  # (P,) nodes of all sections, one section after the other
     first: np.ndarray  # (K+1,) index of each section's first node, and the end of the last one's
     share: np.ndarray  # (P,) part of a section's mass that each of its nodes has
@@ -94,10 +90,7 @@ class Sections(NamedTuple):
 
 
 class Body(NamedTuple):
-    """A deformable body of N nodes at rest.
-
-    None says that there are no elements of a kind: the kernels are then compiled without them.
-    """
+    """A deformable body of N nodes at rest; None says that there are no elements of a kind."""
 
     VECTORS = ("position", "inverse_mass")
 

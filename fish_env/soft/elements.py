@@ -40,7 +40,11 @@ def make_tets(position, nodes, young, poisson, relaxation_time: Any = 0.0, strai
     count = len(nodes)
     once = np.sort(nodes, axis=1)
     _refuse(nodes, (once[:, 1:] == once[:, :-1]).any(axis=1), "names a node twice; give four different nodes")
-    _refuse(nodes, _repeated(once), "is there twice; give every element once")
+    _refuse(
+        nodes,
+        ~np.isin(np.arange(count), np.unique(once, axis=0, return_index=True)[1]),
+        "is there twice; give every element once",
+    )
     edge = position[nodes[:, 1:]] - position[nodes[:, :1]]
     volume = np.linalg.det(edge) / 6
     size = np.linalg.norm(edge, axis=2).max(axis=1, initial=0.0)
@@ -107,8 +111,7 @@ def fill(position, surfaces, pressure, ambient=(0.0, 0.0)) -> Compartments | Non
 def make_barriers(position, faces, inner, energy) -> Barriers:
     """Barriers of outer faces (K,3), or edges (K,2), against inner nodes (K,), which lie behind them at rest.
 
-    Raises:
-        ValueError: if a node is not behind its face or an energy, J, is not positive; the message names the first one.
+    ValueError names the first node that is not behind its face, or energy, J, that is not positive.
     """
     position = finite_array(position, (len(position), 3), "position (m)")
     faces = np.asarray(faces)
@@ -136,12 +139,6 @@ def _refuse(nodes, bad, what) -> None:
     if bad.any():
         e = int(np.argmax(bad))
         raise ValueError(f"tetrahedron {e}, of the nodes {nodes[e].tolist()}, {what}")
-
-
-def _repeated(rows) -> np.ndarray:
-    """Boolean mask (K,) of the rows that have occurred before."""
-    seen: set[tuple] = set()
-    return np.array([key in seen or seen.add(key) is not None for key in map(tuple, rows.tolist())], dtype=bool)
 
 
 def _check_closed(surface, c) -> None:

@@ -140,10 +140,8 @@ def _numbers(thin, flat, cells_y, cells_z) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _kuhn(number, mirrored) -> np.ndarray:
-    """Tetrahedra (T,4) between the nodes (I,J,K), positive where x rises with I; those with a node twice are dropped.
-
-    Mirrored, every diagonal goes from the side nearer the middle planes outward.
-    """
+    """Tetrahedra (T,4) between the nodes (I,J,K), positive where x rises with I, without those with a node twice."""
+    # Mirrored, every diagonal goes from the side nearer the middle planes outward.
     shape = np.array(number.shape) - 1
     cell = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)
     turned = (2 * cell < shape) & np.array([False, mirrored, mirrored])

@@ -281,10 +281,8 @@ def rigid_motions(body: Body, world: World, x, turning: bool) -> np.ndarray:
 
 
 def _solver(body: Body, matrix, rigid, slack=0.0) -> Callable:
-    """Make the solver of K u = f on the free degrees of freedom: a function of f (K,), u without the motions `rigid`.
-
-    `rigid` is (K,R). `slack` times the largest stiffness is added to that of every degree of freedom.
-    """
+    """Make the solver of K u = f on the free degrees of freedom: a function of f (K,), u without `rigid` (K,R)."""
+    # `slack` times the largest stiffness is added to that of every degree of freedom.
     free, scale = _free(body), np.abs(matrix.diagonal()).max()
     rigid = rigid * scale
     size, border = rigid.shape

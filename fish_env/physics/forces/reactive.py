@@ -42,9 +42,7 @@ def make_cache(body: Body, world: World, kind) -> Pack:
     give = np.add.reduceat(share[:, None] * carry, first[:-1])
     turn = body.inverse_mass[edges].sum(axis=0, keepdims=True)
     rise = body.position[upper].sum(axis=0) - body.position[lower].sum(axis=0) + [0.0, 0.0, body.sections.height]
-    vectors = (
-        "middle", "speed", "t", "n", "b", "td", "nd", "bd", "force", "later", "speed_ahead",
-    )  # fmt: skip
+    vectors = ("middle", "speed", "t", "n", "b", "td", "nd", "bd", "force", "later", "speed_ahead")
     numbers = ("per_length", "per_rise", "kept_t", "kept_n", "nn", "nb", "bn", "bb", "m", "q")
     return Pack(
         "reactive", carry=kind.rows(carry), give=kind.rows(give), turn=kind.rows(turn), advance=kind.numbers(1),

@@ -26,11 +26,9 @@ GROWS = 1e-12  # of a step: less is rounding
 
 
 def motion(body: Body, world: World, subtracted: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """K and D, (n,n) 1/s2 and 1/s; of a body with more than MOST_MODES degrees of freedom, those of two extreme ones.
-
-    From K, so many times the stiffness of springs that are taut at rest, as if each pulled in all directions, is
-    subtracted.
-    """
+    """K and D, (n,n) 1/s2 and 1/s; of a body with more than MOST_MODES degrees of freedom, of two extreme ones."""
+    # From K, so many times the stiffness of springs that are taut at rest, as if each pulled in all directions, is
+    # subtracted.
     large = body.inverse_mass.size > MOST_MODES
     if large:
         elastic, viscous = body.max_stiffness_eigenvalue, body.max_damping_eigenvalue
@@ -94,11 +92,9 @@ def none(body: Body, world: World) -> float:
 
 
 def filtered(reach: float, subtracted: float = 0.0) -> Limit:
-    """Limit of a leapfrog, s, whose steps are stable while the highest eigenvalue of h^2 K + 2 h D is below its reach.
-
-    Symplectic Euler, and Tu's method near rest, reach 4: sqrt((w s)^2 + 4) - w s over w, with the relaxation time s.
-    What Tu's takes as implicit, the pull of springs that are taut at rest, is subtracted twice.
-    """
+    """Limit of a leapfrog, s, whose steps are stable while the highest eigenvalue of h^2 K + 2 h D is below reach."""
+    # Symplectic Euler, and Tu's method near rest, reach 4: sqrt((w s)^2 + 4) - w s over w, with the relaxation time s.
+    # What Tu's takes as implicit, the pull of springs that are taut at rest, is subtracted twice.
 
     def limit(body: Body, world: World) -> float:
         elastic, viscous = motion(body, world, subtracted)
