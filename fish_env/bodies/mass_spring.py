@@ -233,16 +233,9 @@ def shares(faces, behind, place) -> np.ndarray:
 def check_parameters(
     body: str, parameters: dict, water: str | None = None, own: dict | None = None
 ) -> MassSpringParameters:
-    """Replace some of the calibrated parameters; ValueError, which names the body, for one there is not.
-
-    A length outside the range in which the model is meant is warned of.
-
-    Args:
-        body: its name.
-        parameters: what a user gave. Times that were not given are those of the fish's length (`sizes.py`).
-        water: the level of water that the fish is calibrated for; None: the default one.
-        own: what replaces the default fish's parameters in this body, unless a user gave them.
-    """
+    """Replace some of the calibrated parameters; ValueError, which names the body, for one there is not."""
+    # A length outside the range in which the model is meant is warned of. Times that a user did not give are those of
+    # the fish's length (`sizes.py`). `own` replaces the default fish's parameters in this body, unless they are given.
     allowed = [field.name for field in fields(MassSpringParameters)]
     check_names(f"the {body} fish has no parameter", allowed, *parameters, error=UnknownOptionError)
     standard = calibrated(water)

@@ -130,15 +130,9 @@ class MotorTables:
 
 
 def load_tables(path: Path = MOTOR_FILE, water: str | None = None) -> MotorTables:
-    """The tables of a file, by default those of the default fish.
+    """The tables of a file, by default those of the default fish, in "drag", "reactive" or by default its own water.
 
-    Args:
-        path: of the file. It holds tables, or tables for each level of water.
-        water: "drag" or "reactive"; None: the default one.
-
-    Raises:
-        FileNotFoundError: if there is no such file.
-        ValueError: if it contains no tables of motor controllers, or cannot be read.
+    FileNotFoundError if there is no such file, ValueError if it contains no tables of motor controllers.
     """
     try:
         found = json.loads(path.read_text("utf-8"))

@@ -81,10 +81,7 @@ def replay(recording: Recording | str | Path) -> Replay:
     """Simulate a recorded episode again, and compare every state and reward with the recorded ones, bit for bit.
 
     Other versions of the packages, or another machine, may give other bits; the message then names them.
-
-    Raises:
-        FileNotFoundError: if there is no such file.
-        ValueError: for a file that is no recording, or an episode that this version cannot begin.
+    FileNotFoundError without a file; ValueError for one that is no recording, or that this version cannot begin.
     """
     found = recording if isinstance(recording, Recording) else load_recording(recording)
     with closing(env_of(found.about)) as env:

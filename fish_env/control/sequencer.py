@@ -6,7 +6,7 @@ Legend: b fish. Angles are positive to the left, rad; times are seconds.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -276,14 +276,17 @@ def aim_past(obs: np.ndarray, layout: Layout, margins: ObstacleMargins) -> Aim:
     return Aim(wrap_angle(best), climb(commanded), np.full(len(obs), np.inf))
 
 
-SEQUENCER_CONFIGS = {
-    SwimTask: SequencerConfig(trim=0.8),
-    CommandedTurns: SequencerConfig(),
-    TargetTask: SequencerConfig(pitch=2.0),
-    AvoidTask: SequencerConfig(),
-    FastStartTask: SequencerConfig(),
+SEQUENCERS: dict[type, tuple[SequencerConfig, Callable[[Any, Any], AimFunction]]] = {
+    TargetTask: (SequencerConfig(pitch=2.0), lambda env, task: partial(aim_target, dimensions=task.dimensions)),
+    AvoidTask: (SequencerConfig(), lambda env, task: partial(aim_past, margins=ObstacleMargins(task.radius))),
+    SwimTask: (
+        SequencerConfig(trim=0.8),
+        lambda env, task: partial(aim_velocity, mass=env.tank.fish.landmarks.mass) if task.speed else aim_heading,
+    ),
+    FastStartTask: (SequencerConfig(), lambda env, task: aim_start),
+    CommandedTurns: (SequencerConfig(), lambda env, task: aim_heading),  # of which some of the others are, too
 }
-"""The best settings for each task, tried by hand on episodes that are neither those of training nor of evaluation."""
+"""The best settings for each task, tried by hand on episodes of neither training nor evaluation; what it aims at."""
 
 
 def scripted(env: FishVectorEnv, tables: MotorTables | None = None, config: SequencerConfig | None = None) -> Sequencer:
@@ -297,29 +300,15 @@ def scripted(env: FishVectorEnv, tables: MotorTables | None = None, config: Sequ
     Raises:
         ValueError: for a task that they cannot do, or a fast start with tables that have none.
     """
-    task, mass, layout = env.task, env.tank.fish.landmarks.mass, env.layout
-    make = FastStartSequencer if isinstance(task, FastStartTask) else Sequencer
-    if isinstance(task, TargetTask):
-        kind, aim = TargetTask, partial(aim_target, layout=layout, dimensions=task.dimensions)
-    elif isinstance(task, AvoidTask):
-        kind, aim = AvoidTask, partial(aim_past, layout=layout, margins=ObstacleMargins(task.radius))
-    elif isinstance(task, SwimTask):
-        kind, aim = SwimTask, partial(aim_heading, layout=layout)
-        if task.speed is not None:
-            aim = partial(aim_velocity, layout=layout, mass=mass)
-    elif isinstance(task, FastStartTask):
-        kind, aim = FastStartTask, partial(aim_start, layout=layout)
-    elif isinstance(task, CommandedTurns):
-        kind, aim = CommandedTurns, partial(aim_heading, layout=layout)
-    else:
-        names = ", ".join(sorted(cls.__name__ for cls in SEQUENCER_CONFIGS))
-        raise ValueError(f"no motor controllers for the task {type(task).__name__}; they can do {names}")
-    return make(
-        env,
-        aim,
-        load_tables(water=level_of(env.tank.world)) if tables is None else tables,
-        SEQUENCER_CONFIGS[kind] if config is None else config,
-    )
+    kind = next((kind for kind in SEQUENCERS if isinstance(env.task, kind)), None)
+    if kind is None:
+        names = ", ".join(sorted(cls.__name__ for cls in SEQUENCERS))
+        raise ValueError(f"no motor controllers for the task {type(env.task).__name__}; they can do {names}")
+    standard, aim_of = SEQUENCERS[kind]
+    aim = partial(aim_of(env, env.task), layout=env.layout)
+    make = FastStartSequencer if kind is FastStartTask else Sequencer
+    tables = load_tables(water=level_of(env.tank.world)) if tables is None else tables
+    return make(env, aim, tables, standard if config is None else config)
 
 
 def random_actions(env: FishVectorEnv, seed: int = 0) -> Callable[[np.ndarray, float], np.ndarray]:

@@ -28,11 +28,8 @@ def load_writer(path: Path):
 def write_video(frames: list[np.ndarray], fps: float, path: str | Path) -> None:
     """Write (H,W,3) uint8 frames as an .mp4 or an animated .webp or .gif: whole or not at all.
 
-    Frames of a .webp or .gif that are wider than WIDEST pixels are written at half their size.
-
-    Raises:
-        ValueError: for another ending, or a folder that cannot be written to.
-        gymnasium.error.DependencyNotInstalled: without moviepy, or Pillow.
+    Frames of a .webp or .gif that are wider than WIDEST pixels are written at half their size. ValueError for another
+    ending or a folder that cannot be written to, DependencyNotInstalled without moviepy, or Pillow.
     """
     path = writable_file(path, VIDEOS)
     writer = load_writer(path)

@@ -150,9 +150,7 @@ class FishEnv(Keywords, gym.Env):
     def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
         """Set an option of `settable` for the episodes that begin next, or a subclass's attribute.
 
-        Raises:
-            AttributeError: for any other name, naming the options that can be set.
-            ValueError: for a value that is not allowed.
+        AttributeError for any other name, naming those that can be set; ValueError for a value that is not allowed.
         """
         if name in vars(self).keys() - self._own and not name.startswith("_"):
             return super().set_wrapper_attr(name, value, force=force)

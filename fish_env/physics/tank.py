@@ -77,7 +77,8 @@ class Tank(ReadOnly, Generic[Elastic]):
             failing = f"{self.integrator.name!r} will fail on {fish.name!r} in this water"
             warnings.warn(f"{failing}: {reason}; give a shorter dt or none, or another integrator", stacklevel=3)
         self.fish, self._own, body, b = fish, fish.body, fish.body, self.num_fish
-        self._conditions: Any = None if self.world.anchors is None else _boundary().first(self)
+        self._conditions: Any = None
+        self._conditions = None if self.world.anchors is None else _boundary().present(self)
         self.kind = options.kind_for(b, dtype, lanes)
         """Number of fish that the kernels process at once, and their precision."""
         position, counts = np.repeat(body.position[None], b, axis=0), np.zeros((b, len(COUNTERS)), dtype=np.int64)

@@ -77,7 +77,7 @@ class Renderer:
         width, height = self.form.size
         window = self._window
         if window is None or not self._has_window():
-            window = self._open((columns * width, -(-shown // columns) * height))
+            window = self._window = open_window((columns * width, -(-shown // columns) * height), self.env.num_envs)
         for i in range(shown):
             window.blit(self._picture(i), (i % columns * width, i // columns * height))
         pygame.display.flip()
@@ -91,20 +91,15 @@ class Renderer:
         """Return True if the window is open and still this renderer's: pygame has only one, and anyone may close it."""
         return self._window is not None and pygame.display.get_init() and pygame.display.get_surface() is self._window
 
-    def _open(self, size: tuple[int, int]) -> pygame.Surface:
-        count = self.env.num_envs
-        title = "fish_env" if count <= WINDOW_FISH else f"fish_env: the first {WINDOW_FISH} of {count} fish"
-        self._window = open_window(size, title)
-        return self._window
 
-
-def open_window(size: tuple[int, int], title: str) -> pygame.Surface:
-    """Open pygame's window; RuntimeError if there is no display to open it on."""
+def open_window(size: tuple[int, int], count: int) -> pygame.Surface:
+    """Open pygame's window for so many fish; RuntimeError if there is no display to open it on."""
     try:
         pygame.display.init()
         window = pygame.display.set_mode(size)
     except pygame.error as error:
         raise RuntimeError(NO_WINDOW.format(error)) from error
+    title = "fish_env" if count <= WINDOW_FISH else f"fish_env: the first {WINDOW_FISH} of {count} fish"
     pygame.display.set_caption(title)
     return window
 

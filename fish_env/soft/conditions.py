@@ -123,15 +123,10 @@ class Conditions(NamedTuple):
         return self._replace(drag=drag, penalties=penalties)
 
 
-def first(tank: Tank) -> Conditions:
-    """Conditions of a tank in which none has been set: those of its world."""
-    shape = tank.fish.body.position.shape
-    return Conditions(np.zeros(shape, dtype=bool), np.zeros(shape), None, tank.world.anchors)
-
-
 def present(tank: Tank) -> Conditions:
-    """The present conditions of a tank."""
-    return first(tank) if tank._conditions is None else tank._conditions
+    """The present conditions of a tank: where none has been set, those of its world."""
+    shape = tank.fish.body.position.shape
+    return tank._conditions or Conditions(np.zeros(shape, dtype=bool), np.zeros(shape), None, tank.world.anchors)
 
 
 def grab(tank: Tank, node: int, point, stiffness, damping, rest_length, velocity) -> None:

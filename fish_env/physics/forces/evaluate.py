@@ -98,13 +98,7 @@ def compiled_jacobian(names: tuple[str, ...]):
 class Evaluator:
     """Forces on one body in one world, for positions x and velocities v (N,3) and rest lengths (E,).
 
-    Args:
-        body: any body.
-        world: its surroundings.
-        names: the forces to include; None for all acting ones.
-
-    Raises:
-        ValueError: if arrays of body or world are inconsistent.
+    `names` are the forces to include, None for all acting ones. ValueError if body or world are inconsistent.
     """
 
     def __init__(self, body: Body, world: World, names: tuple[str, ...] | None = None):
