@@ -276,7 +276,7 @@ def aim_past(obs: np.ndarray, layout: Layout, margins: ObstacleMargins) -> Aim:
     return Aim(wrap_angle(best), climb(commanded), np.full(len(obs), np.inf))
 
 
-SEQUENCERS: dict[type, tuple[SequencerConfig, Callable[[Any, Any], AimFunction]]] = {
+SEQUENCERS: dict[type, tuple[SequencerConfig, Callable[[Any, Any], Callable[..., Aim]]]] = {
     TargetTask: (SequencerConfig(pitch=2.0), lambda env, task: partial(aim_target, dimensions=task.dimensions)),
     AvoidTask: (SequencerConfig(), lambda env, task: partial(aim_past, margins=ObstacleMargins(task.radius))),
     SwimTask: (
