@@ -513,12 +513,12 @@ def test_window_film_and_laboratory_draw_the_same(monkeypatch):
 # Commands
 
 HERE = [*PAGES, ROOT / "CONTRIBUTING.md"]
-PROGRAMS = "python|fish_env|pip|pytest|pre-commit|mkdocs|twine|tensorboard|ray|docker|git|cd"
+PROGRAMS = "python|fish_env|pip|uvx|pytest|pre-commit|mkdocs|twine|tensorboard|ray|docker|git|cd"
 """First words of commands: of every line of a shell block, and of spans within the text that say more than a name."""
 
 NOT_RUN = {
-    "needs the network": ("git clone", "pip install", r"python -m build$"),
-    "is for a clone": ("cd fish_env", "git grep", "twine check"),
+    "needs the network": ("pip install", "uvx", r"python -m build$"),
+    "is for a release; test_release.py runs it": (r"python \.ci/release_check\.py", "twine check"),
     "changes the checkout, or the package": ("pre-commit install", r"python -m benchmarks\.calibrate "),
     "is the tests themselves, once or for each mistake": ("pytest", r"python \.ci/mutation\.py"),
     "is a server, an image or a cluster": ("tensorboard", "docker build", "docker run", "ray start"),

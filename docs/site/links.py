@@ -7,6 +7,7 @@ whose own links are treated in the same way. A link to a file that does not exis
 it.
 """
 
+import os
 import re
 from pathlib import Path, PurePosixPath
 
@@ -19,6 +20,8 @@ LINK = re.compile(r"(\]\()([^)#\s]+)((?:#[^)\s]*)?\))")
 FENCE = re.compile(r"^(```.*?^```[ ]*$)", re.MULTILINE | re.DOTALL)
 COPIED = {".csv", ".svg", ".png", ".webp", ".mp4", ".npz", ".ipynb", ".json"}
 LANGUAGES = {".py": "python", ".yml": "yaml", ".toml": "toml", "": "text", ".txt": "text"}
+ADDRESS = re.compile(r'^repository = "(https://github\.com/([^/]+)/(.*))"$', re.MULTILINE)
+MIKE = "MIKE_DOCS_VERSION"
 HEAD = "---\nsearch:\n  exclude: true\n---\n\n"
 
 
@@ -59,6 +62,16 @@ def text_of(target: Path) -> str:
 def links(text: str) -> list[str]:
     """The targets of the links of a page, outside fenced code."""
     return [match[2] for part in FENCE.split(text)[::2] for match in LINK.finditer(part)]
+
+
+def on_config(config):
+    """Where mike builds a version for the site on GitHub: addresses, a link to the repository, a choice of versions."""
+    if MIKE in os.environ:
+        address, account, name = ADDRESS.search((ROOT / "pyproject.toml").read_text()).groups()
+        config.site_url = f"https://{account}.github.io/{name}/{os.environ[MIKE]}/"
+        config.extra["version"] = {"provider": "mike"}
+        config.extra["social"] = [{"icon": "fontawesome/brands/github", "link": address, "name": "Repository"}]
+    return config
 
 
 def on_files(files: Files, config) -> Files:

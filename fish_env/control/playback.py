@@ -35,12 +35,15 @@ def play(
         ValueError: for no episode or a seed below zero; if the file cannot be written, a keyword is not allowed, or an
             .npz file was requested with several episodes.
         RuntimeError: if there is no display, and no file was requested.
-        gymnasium.error.DependencyNotInstalled: without pygame, or without moviepy for a video.
+        gymnasium.error.DependencyNotInstalled: without pygame for a window or a video, or without moviepy for a video.
     """
-    from fish_env.render import WindowClosed  # pygame is loaded only when something is drawn
-
     episodes, seed = checked_episodes(episodes, seed)
     path = None if video is None else _checked_path(video, episodes)
+    stops: tuple[type[BaseException], ...] = (KeyboardInterrupt,)
+    if path is None or path.suffix.lower() in VIDEOS:
+        from fish_env.render import WindowClosed  # pygame is loaded only when something is drawn
+
+        stops += (WindowClosed,)
     policy = load_policy(policy) if isinstance(policy, str | Path) else policy
     mode = "human" if path is None else None
     found: list[Recording] = []
@@ -50,7 +53,7 @@ def play(
                 one = record(env, policy, seed + episode)
                 found += [] if path is None else [one]
                 print(f"episode {episode}: {summary(env.get_wrapper_attr('episode_info')())}")
-        except (KeyboardInterrupt, WindowClosed):
+        except stops:
             print("stopped")
     if path is not None and found:
         written = found[0].save(path) if path.suffix.lower() == ENDING else write_film(found, path)
