@@ -10,6 +10,8 @@ import runpy
 import shutil
 import subprocess
 import sys
+import sysconfig
+import venv
 from contextlib import redirect_stdout
 
 import gymnasium as gym
@@ -182,3 +184,29 @@ def test_quickstart(tmp_path):
     variables = {"QUICKSTART_TIMESTEPS": "8192", "MPLBACKEND": "agg", "SDL_VIDEODRIVER": "dummy"}
     said = run_here(tmp_path, tmp_path / "quickstart.py", **variables)
     assert "8192 steps" in said and re.search(r"mean speed: -?\d", said)
+
+
+@pytest.mark.slow
+def test_quickstart_installs_a_wheel(tmp_path):
+    """In an environment without the package, the notebook installs the wheel that is named, trains and evaluates."""
+    pytest.importorskip("setuptools", minversion="77")
+    for module in ("stable_baselines3", "matplotlib", "pygame"):
+        pytest.importorskip(module)
+    source = tmp_path / "source"
+    for name in ("fish_env", "pyproject.toml", "setup.py", "README.md", "LICENSE", "MANIFEST.in"):
+        copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        source.mkdir(exist_ok=True)
+        copy(ROOT / name, source / name)
+    run(source, "-c", f"import setuptools.build_meta as backend; backend.build_wheel({str(tmp_path)!r})")
+    (wheel,) = tmp_path.glob("*.whl")
+    venv.create(tmp_path / "venv", with_pip=True)
+    script = tmp_path / "quickstart.py"
+    script.write_text(f"{QUICKSTART}\nprint(fish_env.__file__)\n")
+    python = next(tmp_path.glob("venv/[bS]*/python*"))
+    # other packages are those of this environment, in which a link to the checkout does not count
+    others = {"PYTHONPATH": sysconfig.get_path("purelib"), "PIP_NO_INDEX": "1", "FISH_ENV_WHEEL": str(wheel)}
+    done = subprocess.run([python, script], cwd=tmp_path, capture_output=True, text=True, check=False,
+                          env=os.environ | others | {"MPLBACKEND": "agg", "SDL_VIDEODRIVER": "dummy"})  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1].startswith(str(tmp_path / "venv"))
+    assert float(re.search(r"mean speed: (-?[\d.]+)", done.stdout)[1]) > 3.0
