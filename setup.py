@@ -8,7 +8,9 @@ from setuptools import setup
 ADDRESS = re.search(r'^repository = "(.*)"$', Path("pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE)[1]
 SITE = re.sub(r"https://github\.com/([^/]+)/", r"https://\1.github.io/", ADDRESS)
 text = re.sub(
-    r"(!?)(\[[^\]]*\]\()(?!\w+://|#)", rf"\1\2{ADDRESS}/<\1>/main/", Path("README.md").read_text(encoding="utf-8")
+    r"(!?)(\[[^\]]*\]\(|(?<=\))\]\()(?!\w+://|#)",
+    rf"\1\2{ADDRESS}/<\1>/main/",
+    Path("README.md").read_text(encoding="utf-8"),
 )
 setup(
     long_description=text.replace("/<!>/", "/raw/").replace("/<>/", "/blob/"),
