@@ -176,8 +176,9 @@ REGISTRY = {result.name: result for result in (
         1.5, "transfer.csv", "learning/kinematics.csv", follows=(*EVERY_BODY, "task *", "policy *"),
     ),
     published(
-        "learning.sensing", "what sensors cost, and what policies keep under held-out conditions; trains 18 policies",
-        35, "learning/sensing.csv", "learning/held_out.csv", "docs/images/conditions.svg", follows=TRAINED,
+        "learning.learners", "learners by the protocol of fish_env benchmark; trains 180 policies, keeps finished ones",
+        240, "learning/learners.csv", "learning/learner_curves.csv", "docs/images/learners.svg", by_name=True,
+        follows=TRAINED,
     ),
     published(
         "learning.weights", "Swim with other weights of effort and of a swaying head; trains 8 policies",

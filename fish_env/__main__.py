@@ -8,6 +8,7 @@ fish_env compare swim runs/swim/...   compare two policies with intervals, or on
 fish_env report runs/swim/...         write one HTML page of a run, or of several beside each other
 fish_env replay FILE.npz              simulate a recorded episode again and compare bit for bit
 fish_env chart --body planar          measure which integrator and step to take; also for module:function of yours
+fish_env benchmark mine:learn         compare a learner of yours with others by a fixed protocol (or ppo, or its .json)
 fish_env lab                          open the laboratory in the browser: look at soft bodies, pull and change them
 fish_env compile swim                 compile its kernels ahead of their first use, for an image or a shared folder
 fish_env versions                     name the versions of what it runs with
@@ -42,6 +43,7 @@ from fish_env.control.film import write_film
 from fish_env.control.playback import play
 from fish_env.control.policy import Policy, load_policy, shipped_policies
 from fish_env.control.printing import print_comparison, print_means
+from fish_env.control.protocols import BUDGETS, LEVELS, SEEDS, TASKS
 from fish_env.control.recording import load_recording
 from fish_env.control.replaying import replay
 from fish_env.control.statistics import compare, same_environments
@@ -100,6 +102,7 @@ def make_parser(program: str = "fish_env") -> tuple[argparse.ArgumentParser, Any
     command.add_argument("recording", type=Path, help="a file of fish_env.control.record")
     command.add_argument("--save", type=Path, help="show it too: a page or a video")
     add_chart_options(add("chart", chart_methods, "measure which integrator and step a fish should take"))
+    add_benchmark_options(add("benchmark", run_benchmark, "compare a learner with others by a fixed protocol"))
     command = add("lab", open_laboratory, "open the laboratory, for this machine only", module)
     command.add_argument("--task", metavar="ID", help="an environment of your own, registered by --task-module")
     command.add_argument("--policy", help="a policy of your own, a file or the folder of a run")
@@ -144,6 +147,19 @@ def add_chart_options(command: argparse.ArgumentParser) -> None:
                          metavar="PERCENT", help="wanted mean error, of the body length (default 1%%)")  # fmt: skip
     command.add_argument("--save", type=Path, default=Path("chart.svg"),
                          help="the .svg chart, beside a .csv table (default chart.svg)")  # fmt: skip
+
+
+def add_benchmark_options(command: argparse.ArgumentParser) -> None:
+    """Add what `benchmark` takes."""
+    text = "ppo, module:function, which takes a Trial and returns a policy, or the .json file of one, to be shown"
+    command.add_argument("learner", help=text)
+    command.add_argument("--tasks", nargs="+", default=list(TASKS), help=f"(default {' '.join(TASKS)})")
+    command.add_argument("--levels", nargs="+", default=list(LEVELS), help=f"(default {' '.join(LEVELS)})")
+    command.add_argument("--steps", type=int, nargs="+", default=BUDGETS,
+                         help=f"budgets of environment steps (default {' '.join(map(str, BUDGETS))})")  # fmt: skip
+    command.add_argument("--seeds", type=int, nargs="+", default=SEEDS, help=f"(default {' '.join(map(str, SEEDS))})")
+    text = "where trials are kept; those that it has are not repeated (default benchmark.json)"
+    command.add_argument("--save", type=Path, default=Path("benchmark.json"), help=text)
 
 
 def percent(text: str) -> float:
@@ -332,6 +348,24 @@ def chart_methods(arguments: argparse.Namespace) -> None:
     world = fish.water if arguments.water is None else checked_water(arguments.water, fish.water)
     print(chart(fish, world, arguments.save, arguments.error / 100, arguments.task))
     print(f"written to {arguments.save} and {arguments.save.with_suffix('.csv')}")
+
+
+def run_benchmark(arguments: argparse.Namespace) -> None:
+    """Run a learner's trials, or read them, and print their scores."""
+    from fish_env.training.benchmark import benchmark, read_result, score_rows
+
+    if arguments.learner.endswith(".json"):
+        result = read_result(arguments.learner)
+    else:
+        save = writable_file(arguments.save, (".json",))
+        choice = (arguments.tasks, arguments.levels, arguments.steps, arguments.seeds)
+        result = benchmark(arguments.learner, save, *choice)
+        print(f"written to {save}")
+    rows = score_rows(result)
+    table = [list(rows[0]), *([str(value) for value in row.values()] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    for line in table:
+        print("  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)))
 
 
 def open_laboratory(arguments: argparse.Namespace) -> None:

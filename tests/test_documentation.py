@@ -213,7 +213,7 @@ def test_page_of_a_task(task):
     defaults = re.findall(r"`(\w+)` = ([\d.]+)", section(task, "Rewards"))
     assert {name: float(value) for name, value in defaults} == weights | {"failure_penalty": FAILURE_PENALTY}
     assert {span(option) for option in TASKS[task].weights.values()} == {"0 to 1000"}
-    assert "keywords, 0 to 1000" in section(task, "Rewards")
+    assert "keywords, 0 to 1000" in section(task, "Rewards") and "- v0: " in section(task, "Version History")
     threshold = re.search(r"`reward_threshold` is (.*?)\. ", section(task, "Rewards"))
     ids = [spec for spec in gym.registry.values() if spec.kwargs.get("task") == task and spec.reward_threshold]
     assert threshold and list(map(float, re.findall(r"\b\d+\b", threshold[1]))) == [s.reward_threshold for s in ids]
@@ -519,7 +519,9 @@ PROGRAMS = "python|fish_env|pip|uvx|pytest|pre-commit|mkdocs|twine|tensorboard|r
 NOT_RUN = {
     "needs the network": ("pip install", "uvx", r"python -m build$"),
     "is for a release; test_release.py runs it": (r"python \.ci/release_check\.py", "twine check"),
-    "changes the checkout, or the package": ("pre-commit install", r"python -m benchmarks\.calibrate "),
+    "changes the checkout, or the package": (
+        "pre-commit install", r"python -m benchmarks\.calibrate ", r"python -m benchmarks\.learning\.learners ",
+    ),
     "is the tests themselves, once or for each mistake": ("pytest", r"python \.ci/mutation\.py"),
     "is a server, an image or a cluster": ("tensorboard", "docker build", "docker run", "ray start"),
     "is in .ci/run too": ("mkdocs build",),
@@ -534,7 +536,7 @@ NOT_RUN = {
     "takes an hour; test_benchmarks.py does it in small": (r"python train\.py all",),
     "takes minutes, up to hours": (
         r"python train\.py compare --integrators", r"python -m benchmarks (--all|validation)",
-        r"python -m benchmarks\.stability\.water", r"python -m benchmarks\.learning\.sensing",
+        r"python -m benchmarks\.stability\.water",
     ),
 }  # fmt: skip
 """How commands begin that no test runs, as regular expressions, by the reason."""
@@ -547,6 +549,8 @@ SHORT = {
     "fish_env evaluate ": "--episodes 2",
     r"python train\.py evaluate ": "--episodes 2",
     "fish_env report ": "--episodes 2",
+    "fish_env benchmark learner": "--steps 320",
+    "fish_env benchmark ppo": "--tasks swim --levels easy --steps 2048 --seeds 0 --save ppo.json",
     r"python examples/train_cleanrl\.py": "--timesteps 512 --num-envs 16 --evaluations 3",
     r"python -m benchmarks\.(accuracy|bodies|validation|stability\.survey|water\.levels|speed\.scaling)": "--draw",
     r"python -m benchmarks\.calibration\.living_fish": "--draw",
@@ -633,6 +637,7 @@ def reader(trained, tmp_path, monkeypatch):
     (tmp_path / "my").mkdir()
     shutil.copy(shipped_policy("turn"), tmp_path / "my" / "policy.npz")
     (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "learner.py").write_text(blocks(ROOT / "docs/benchmark.md", "python")[0].text)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(ROOT / "examples/register_elsewhere/src"), *sys.path])
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
@@ -641,7 +646,7 @@ def reader(trained, tmp_path, monkeypatch):
     for table, names in before:
         for name in set(table) - names:
             del table[name]
-    for name in [name for name in sys.modules if re.match(r"mine$|swim_elsewhere", name)]:
+    for name in [name for name in sys.modules if re.match(r"mine$|learner$|swim_elsewhere", name)]:
         del sys.modules[name]
 
 

@@ -4,18 +4,25 @@
 
 `TRAINING` is a distribution to train under for them (`robust_options`), `HELD_OUT` the test set: other bodies, sizes,
 materials and muscles, a current, noise and delays, one at a time, on seeds of their own.
+
+Learners are compared by `VERSION` of a protocol (`fish_env.training.benchmark`): tasks with a metric (`TASKS`),
+levels (`LEVELS`), budgets and seeds, and a score that is 0 for random actions and 1 for the best controller known.
 """
 
+import json
+from collections.abc import Callable
 from contextlib import closing
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
+import numpy as np
 
 from fish_env.bodies import Fish, make_fish
-from fish_env.control.evaluation import EPISODES, evaluate, make_policy_env, means
+from fish_env.control.evaluation import EPISODES, PolicyLike, evaluate, make_eval_env, make_policy_env, means
 from fish_env.control.policy import Policy, load_policy
-from fish_env.envs import observation_layout
+from fish_env.envs import FishVectorEnv, observation_layout
 from fish_env.physics.tank_options import checked_count
 
 FIRST_SEED = 7_000_000  # far from the seeds of training and of evaluation
@@ -34,6 +41,32 @@ TRAINING: dict[str, Any] = {
     "noise": 0.05, "action_noise": 0.05, "observation_delay": (0, 1), "action_delay": (0, 1),
 }  # fmt: skip
 """A distribution to train under: keywords of the environment, and `noise`, a share of each part's typical change."""
+
+
+VERSION = 1
+"""Of the protocol by which learners are compared: scores of one version can be compared."""
+
+TASKS = {
+    "swim": ("FishEnv/Swim-v0", "speed"), "turn": ("FishEnv/Turn-v0", "latency"),
+    "left_after_right": ("FishEnv/LeftAfterRight-v0", "latency"),
+    "fast_start": ("FishEnv/FastStart-v0", "escape_distance"),
+}  # fmt: skip
+"""The tasks of the protocol: id of the environment, and the metric that stands beside the score."""
+
+BUDGETS, SEEDS = (100_000, 1_000_000, 4_000_000), (0, 1, 2, 3, 4)
+"""Environment steps of a training, and seeds."""
+
+LEVELS: dict[str, dict[str, Any]] = {
+    "easy": {}, "medium": TRAINING, "hard": TRAINING | {"observation": "sensors"},
+}  # fmt: skip
+"""Keywords of the environments: as registered; noise, delays and variation; the same, seen by sensors alone. A hard
+LeftAfterRight has twice the `severity`."""
+
+HELD_OUT_EPISODES = 20
+"""Of each condition of `HELD_OUT_NAMES`, for learners."""
+
+HELD_OUT_NAMES = ("body planar", "length 0.7", "length 1.4", "stiffness 0.6", "mass 1.3", "drag 1.6", "current 0.3")
+"""The conditions of `HELD_OUT`, bodies and water, in which learners are tested."""
 
 
 class Condition(NamedTuple):
@@ -71,6 +104,41 @@ def robust_options(env_id: str, **options) -> dict[str, Any]:
     """Keywords of an environment that is to be trained in under `TRAINING`, with these options."""
     others = {name: value for name, value in TRAINING.items() if name != "noise"}
     return options | others | {"observation_noise": noise_by_part(env_id, TRAINING["noise"], **options)}
+
+
+@cache
+def level_options(task: str, level: str) -> dict[str, Any]:
+    """Keywords of the environment of a task at a level of the protocol, those of its id left out."""
+    options = {name: value for name, value in LEVELS[level].items() if name == "observation"}
+    if level == "hard" and task == "left_after_right":
+        options["severity"] = 2.0
+    return robust_options(TASKS[task][0], **options) if "noise" in LEVELS[level] else options
+
+
+def held_out_return(make: Callable[[FishVectorEnv], PolicyLike], task: str, level: str) -> float:
+    """Mean return over the held-out conditions of the protocol, one at a time instead of the level's variation.
+
+    `make` returns the policy for a batch.
+    """
+    returns = []
+    for condition in HELD_OUT:
+        if condition.name in HELD_OUT_NAMES:
+            options = level_options(task, level) | {"variation": {}} | condition.keywords
+            with closing(make_eval_env(TASKS[task][0], HELD_OUT_EPISODES, options)) as env:
+                returns.append(evaluate(env, make(env), FIRST_SEED)["return"].mean())
+    return round(float(np.mean(returns)), 4)
+
+
+@cache
+def references() -> dict[str, dict[str, dict[str, Any]]]:
+    """By task and level: `random`, the return of random actions, `reference`, the best one known, and `by` whom."""
+    return json.loads(Path(__file__).with_name("protocol.json").read_text(encoding="utf-8"))["references"]
+
+
+def normalised_score(task: str, level: str, value: float) -> float:
+    """A return as a score: 0 for that of random actions, 1 for the best that was known when the version began."""
+    known = references()[task][level]
+    return (value - known["random"]) / (known["reference"] - known["random"])
 
 
 def evaluate_held_out(
