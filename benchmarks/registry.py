@@ -61,7 +61,7 @@ REGISTRY = {result.name: result for result in (
         12, "work_precision.csv", "work_precision_references.csv", "work_precision.svg", one_core=True,
     ),
     published(
-        "accuracy.held_out", "errors and costs of methods on 64 random scenes that nothing was fitted to, every body",
+        "accuracy.held_out", "errors and costs of methods on 64 random held-out scenes, every body",
         15, "held_out.csv", "held_out.svg", one_core=True, follows=(*EVERY_BODY, "water drag"),
     ),
     published(
@@ -74,9 +74,9 @@ REGISTRY = {result.name: result for result in (
         20, "stability_limits.csv", "stability.svg", one_core=True, follows=EVERY_BODY,
     ),
     published(
-        "stability.attack",
+        "stability.stress",
         "failures of every body under random, bang-bang, oscillating and searched commands; also tests/worst.npz",
-        10, "attack.csv", follows=EVERY_BODY,
+        10, "stress.csv", follows=EVERY_BODY,
     ),
     published(
         "stability.water", "failures and rolls, largest steps and the abrupt turn in water with inertia",

@@ -502,7 +502,7 @@ def test_window_film_and_laboratory_draw_the_same(monkeypatch):
         near = np.any([np.roll(near, (i, j), (0, 1)) for i in range(-8, 9, 2) for j in range(-8, 9, 2)], axis=0)
         return (one & near[8:-8, 8:-8]).sum() / one.sum()
 
-    (window, red), *others = map(warm, gallery.three_painters(30))
+    (window, red), *others = map(warm, gallery.three_renderers(30))
     earlier, _ = warm(gallery.window_at(28))
     for mask, colour in others:
         assert min(overlap(window, mask), overlap(mask, window)) > 0.95
@@ -554,7 +554,7 @@ SHORT = {
     r"python examples/train_cleanrl\.py": "--timesteps 512 --num-envs 16 --evaluations 3",
     r"python -m benchmarks\.(accuracy|bodies|validation|stability\.survey|water\.levels|speed\.scaling)": "--draw",
     r"python -m benchmarks\.calibration\.living_fish": "--draw",
-    r"python -m benchmarks\.stability\.attack": "--body planar --fish 64 --evaluations 8",
+    r"python -m benchmarks\.stability\.stress": "--body planar --fish 64 --evaluations 8",
     r"python -m benchmarks\.learning\.bound": "swim --starts 1 --seeds 1 --budget 2",
 }
 """Options that make commands short, after those of the page."""

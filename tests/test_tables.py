@@ -88,7 +88,7 @@ def unpredictable():
 
 def failures():
     """Fish that failed in the stress test, by body and kind of stress."""
-    rows = read_table("attack.csv")
+    rows = read_table("stress.csv")
     starts = ("perturbed", "fast", "crumpled", "inverted")
     for body in dict.fromkeys(row["body"] for row in rows):
         cells, tried = [], 0
@@ -350,7 +350,7 @@ def aims():
     cheetah = one("speed/peers.csv", name="HalfCheetah-v5")
     batch = one("speed/peers.csv", name="FishEnv/Swim-v0", copies=256)
     yield f"| 2.5; 9 times | {cheetah['times_ours']:.1f}; {cheetah['us'] / batch['us']:.1f} times |"
-    rows = read_table("attack.csv", body="mass_spring")
+    rows = read_table("stress.csv", body="mass_spring")
     yield f"{sum(r['failures'] for r in rows)} of {sum(row['fish'] for row in rows):,} fish fail (0)"
 
 

@@ -1,4 +1,4 @@
-"""Errors and costs of methods on random scenes that nothing was fitted to, in drag and in reactive water.
+"""Errors and costs of methods on random held-out scenes, in drag and in reactive water.
 
 Scenes, errors and costs are those of `fish_env/control/chart.py`. The abrupt turn of `benchmarks/common/problems.py`
 stands beside them.

@@ -41,10 +41,10 @@ RUNS, COMMAND = Path("runs", "learners"), "python -m benchmarks.learning.learner
 TABLE, CURVES = "learning/learners.csv", "learning/learner_curves.csv"
 REFERENCES = Path(protocol.__file__).with_name("protocol.json")
 PAGE = ROOT / "docs" / "benchmark.md"
-SMALL, BUDGET = ("swim", "left_after_right"), 100_000
+SMALL, BUDGET, MILLION = ("swim", "left_after_right"), 100_000, 1_000_000
 TRIALS = (
-    ("ppo", protocol.TASKS, ["easy"], (100_000, 1_000_000, 4_000_000)),
-    ("ppo", protocol.TASKS, ["medium", "hard"], (100_000, 1_000_000)),
+    ("ppo", protocol.TASKS, ["easy"], (BUDGET, MILLION, 4 * MILLION)),
+    ("ppo", protocol.TASKS, ["medium", "hard"], (BUDGET, MILLION)),
     ("agents.learners:sac", SMALL, ["easy"], (BUDGET,)),
     ("agents.learners:tqc", SMALL, ["easy"], (BUDGET,)),
     ("agents.learners:recurrent_ppo", SMALL, ["easy", "hard"], (BUDGET,)),
@@ -216,7 +216,7 @@ def draw() -> None:
         rows = [row for row in read_table(CURVES, task=task, level="easy") if row["value"] != ""]
         for learner, steps in dict.fromkeys((row["learner"], row["steps"]) for row in rows):
             mine = select(rows, learner=learner, steps=steps)
-            if steps not in (BUDGET, 4_000_000):
+            if steps not in (BUDGET, MILLION):
                 continue
             short = learner.rpartition(":")[2]
             seeds = [select(mine, seed=seed) for seed in dict.fromkeys(row["seed"] for row in mine)]
@@ -224,7 +224,7 @@ def draw() -> None:
             at = np.geomspace(begin, end, 40)
             lines = [np.interp(at, *(np.array([row[k] for row in seed], float) for k in ("trained", "value")))
                      for seed in seeds]  # fmt: skip
-            label = f"{words(short)}, {'4 million' if steps > BUDGET else '100,000'} steps"
+            label = f"{words(short)}, {'a million' if steps > BUDGET else '100,000'} steps"
             mean, dashes = (
                 [interquartile_mean(column) for column in np.transpose(lines)],
                 "-" if steps == BUDGET else "--",

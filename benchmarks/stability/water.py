@@ -1,4 +1,4 @@
-"""What water with inertia does to stability: fish attacked, the largest steps of methods, and the abrupt turn.
+"""What water with inertia does to stability: stress tests of fish, the largest steps of methods, and the abrupt turn.
 
 Fish whose nodes move a little are driven for 10 s: every muscle at random, or all or nothing at random (bang-bang);
 segments and sides all or nothing at the body's natural frequencies (resonant); all muscles of one side or of the other,
@@ -55,7 +55,7 @@ KINDS = {
 }  # fmt: skip
 
 
-def attack(fish: Fish, kind: str, count: int) -> dict:
+def stress(fish: Fish, kind: str, count: int) -> dict:
     """Drive `count` fish by a kind of command, at their own step and in their water; what became of them."""
     tally, found = Tally(fish, Family(kind, 1.0, kind), own_settings(fish), EXPLAINED), []
     for first in range(0, count, BATCH):
@@ -82,13 +82,13 @@ def attack(fish: Fish, kind: str, count: int) -> dict:
     }  # fmt: skip
 
 
-def attacked() -> list[dict]:
+def stressed() -> list[dict]:
     """Rows of every body, in each water that it is calibrated for."""
     rows = []
-    for water, body in tqdm([(water, body) for water in WATERS for body in FISH], "attack"):
+    for water, body in tqdm([(water, body) for water in WATERS for body in FISH], "stress test"):
         fish = make_fish(body, water=water)
         about = {"body": body, "water": water, "step_s": round(fish.time_step, 7)}
-        rows += [about | attack(fish, kind, FISH[body]) for kind in KINDS]
+        rows += [about | stress(fish, kind, FISH[body]) for kind in KINDS]
     return rows
 
 
@@ -120,7 +120,7 @@ def turns() -> list[dict]:
     rows = []
     for water, stiffness, damping in tqdm(cases, "turns"):
         fish = scaled(make_fish(water=water), stiffness, damping)
-        found = [attack(fish, kind, BATCH) for kind in KINDS]
+        found = [stress(fish, kind, BATCH) for kind in KINDS]
         rows.append(
             {"water": water, "stiffness": stiffness, "damping": damping} | turn(fish)
             | {"fish": BATCH * len(KINDS), "failures": sum(row["failures"] for row in found),
@@ -130,4 +130,4 @@ def turns() -> list[dict]:
 
 
 if __name__ == "__main__":
-    publish(__doc__, {"water_stability.csv": attacked, "water_limits.csv": margins, "water_turn.csv": turns})
+    publish(__doc__, {"water_stability.csv": stressed, "water_limits.csv": margins, "water_turn.csv": turns})

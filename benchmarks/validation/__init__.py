@@ -1,1 +1,1 @@
-"""Comparisons with published measurements that nothing was fitted to."""
+"""Comparisons with published measurements to which nothing was fitted."""

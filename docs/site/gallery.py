@@ -32,7 +32,7 @@ COMMANDS = {"left_after_right": {"yaw": 2.2, "side": -1, "first": 2.0, "second":
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 SIZE, RATE, SECONDS = (420, 300), 15, 4.0  # pixels, pictures a second, s
 EPISODE = 2.8  # s of an environment, played at half speed
-PAINTERS = "painters"
+RENDERERS = "renderers"
 LARGEST = 600_000  # bytes
 PATIENCE = 180e3  # ms
 TAKE = """([count, passed]) => new Promise((done) => {
@@ -103,7 +103,7 @@ def window_at(step: int, side=480) -> Image.Image:
     return Image.fromarray(picture)
 
 
-def three_painters(step: int, side=480) -> tuple[Image.Image, ...]:
+def three_renderers(step: int, side=480) -> tuple[Image.Image, ...]:
     """The same moment from above, by the window, the film and the laboratory."""
     recording = recorded(side)
     interval = float(recording.about["control_interval"])
@@ -220,15 +220,15 @@ def save(name: str, frames: list[Image.Image], rate: float) -> None:
 def main() -> None:
     """The command line."""
     tasks = [f"env_{task}" for task in shipped_policies()]
-    everything = [PAINTERS, *SCENES, *tasks]
+    everything = [RENDERERS, *SCENES, *tasks]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(everything)}")
     names = parser.parse_args().names or everything
     if unknown := set(names) - set(everything):
         parser.error(f"unknown {', '.join(sorted(unknown))}; choose from {', '.join(everything)}")
     for name in names:
-        if name == PAINTERS:
-            save(name, [side_by_side(three_painters(30))], 1.0)
+        if name == RENDERERS:
+            save(name, [side_by_side(three_renderers(30))], 1.0)
         if name in tasks:
             save(name, play(name.removeprefix("env_")), 12.5)
     shown = [name for name in names if name in SCENES]

@@ -31,7 +31,7 @@ SCORES = {
     "swim": "speed", "turn": "success", "left_after_right": "success", "target": "targets", "avoid": "success",
     "fast_start": "escape_distance",
 }  # fmt: skip
-"""The metric of each task by which it is judged; more is better."""
+"""The metric that is the score of each task; more is better."""
 
 TRAINING: dict[str, Any] = {
     "variation": {

@@ -91,7 +91,7 @@ def make_frame(env, i: int = 0, path: np.ndarray | None = None, look: Look | Non
 
 
 def clip_positions(frame: Frame) -> Frame:
-    """The frame with places far off drawn nearer, and zero for what is no number: painters work in whole pixels."""
+    """The frame with places far off drawn nearer, and zero for what is no number: renderers work in whole pixels."""
     # A node further than FAR from the fish is off the picture there, too; a fish is at most FURTHEST away.
     furthest, far = FURTHEST * frame.length, FAR * frame.length
     middle = np.clip(np.nan_to_num(frame.middle), -furthest, furthest)

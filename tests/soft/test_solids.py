@@ -16,7 +16,7 @@ from benchmarks.common.tables import read_table
 from benchmarks.objects import finite_elements
 from benchmarks.objects.scenes import SCENES, watched
 from benchmarks.objects.solids import METHODS, released
-from benchmarks.stability import attack, attack_search, cases, mistreatment, survey
+from benchmarks.stability import cases, mistreatment, stress, stress_search, survey
 from fish_env import BODIES, INTEGRATORS, Tank, make_fish, make_water, make_world
 from fish_env.bodies.mass_spring import LAYERS
 from fish_env.physics.body import fix, make_body
@@ -102,8 +102,8 @@ def test_patch(kind):
     if kind == "green_lagrange":
         strain = strain + 0.5 * strain @ strain
     expected = 2 * SHEAR * strain + SOFT_YOUNG * 0.3 / (1.3 * 0.4) * np.trace(strain) * np.eye(3)
-    for stress in stresses(body, x):
-        np.testing.assert_allclose(stress, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    for found in stresses(body, x):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 def test_cantilever_converges():
@@ -707,7 +707,7 @@ def test_refused_solids(call, message):
         call()
 
 
-# The attack on soft fish
+# The stress test of soft fish
 
 FISH = make_fish()
 CASES = cases.stored()
@@ -798,14 +798,14 @@ def test_every_body_can_be_crumpled(name):
 
 
 @pytest.mark.parametrize("name", tiered(BODIES, (FISH.name,)))
-def test_an_attack_from_beginning_to_end(name, monkeypatch):
+def test_the_stress_test_from_beginning_to_end(name, monkeypatch):
     """Every family and every search, with few fish and short sequences; a trial writes nothing."""
     monkeypatch.setattr(mistreatment, "INTERVALS", 12)
-    monkeypatch.setattr(attack_search, "POPULATION", 3)
-    monkeypatch.setattr(attack_search, "SEARCHED", 8)
-    monkeypatch.setattr(attack, "write_csv", lambda *_: pytest.fail("a trial is not published"))
-    monkeypatch.setattr(attack, "store", lambda *_: pytest.fail("cases of a trial are not stored"))
-    rows = attack.attack((name,), fish=100 if name == FISH.name else 100 * attack.OTHERS, evaluations=1)
+    monkeypatch.setattr(stress_search, "POPULATION", 3)
+    monkeypatch.setattr(stress_search, "SEARCHED", 8)
+    monkeypatch.setattr(stress, "write_csv", lambda *_: pytest.fail("a trial is not published"))
+    monkeypatch.setattr(stress, "store", lambda *_: pytest.fail("cases of a trial are not stored"))
+    rows = stress.stress((name,), fish=100 if name == FISH.name else 100 * stress.OTHERS, evaluations=1)
     assert [row["family"] for row in rows[:-4]] == [family.name for family in mistreatment.families()]
     assert all(row["family"].startswith("search for ") for row in rows[-4:])
     for row in rows:
@@ -814,7 +814,7 @@ def test_an_attack_from_beginning_to_end(name, monkeypatch):
         survived = row["worst_stretch"] > 1.0 and row["peak_energy_over_gait"] > 0.0
         assert survived or row["failures"] == row["fish"]
     assert any(row["failures"] == 0 for row in rows)
-    attack.report(rows)
+    stress.report(rows)
 
 
 def test_stored_cases_are_read_back(tmp_path):

@@ -1,7 +1,7 @@
-"""Try to make every body fail, as a user's agent might.
+"""The stress test: try to make every body fail, as a user's agent might.
 
-    python -m benchmarks.stability.attack               every body (10 min); exit 1 if the default method fails
-    python -m benchmarks.stability.attack --body planar --fish 100 --evaluations 50     a trial: nothing is written
+    python -m benchmarks.stability.stress               every body (10 min); exit 1 if the default method fails
+    python -m benchmarks.stability.stress --body planar --fish 100 --evaluations 50     a trial: nothing is written
 
 Thousands of fish at the defaults are driven at random, bang-bang at their own natural frequencies, and left against
 right, from perturbed, fast, crumpled and inverted starts, softer and stiffer, lighter and heavier; then a search
@@ -18,12 +18,12 @@ from tqdm import tqdm
 
 from benchmarks.common.problems import scaled, swimming
 from benchmarks.common.tables import make_parser, write_csv
-from benchmarks.stability.attack_search import search
 from benchmarks.stability.cases import STORED, Settings, Tally, case_of, drive, own_settings, store, tank_at
 from benchmarks.stability.mistreatment import GOALS, LEVELS, Family, at_rest, beginning, families
+from benchmarks.stability.stress_search import search
 from fish_env import BODIES, Fish, make_fish
 
-COMMAND = "python -m benchmarks.stability.attack"
+COMMAND = "python -m benchmarks.stability.stress"
 FISH, EVALUATIONS = 10_000, 10_000  # of the default fish: in all families; of the search
 BATCH = 500  # fish at a time
 OTHERS = 5  # times fewer fish and evaluations of bodies that are not the default
@@ -54,7 +54,7 @@ def usual_energy(fish: Fish, how: Settings) -> float:
     return float(drive(tank, LEVELS * swimming(fish, 100)[:, None])["energy"][0])
 
 
-def attack_body(name: str, how: Settings, fish: int, evaluations: int, bar) -> tuple[list[dict], list[dict]]:
+def stress_body(name: str, how: Settings, fish: int, evaluations: int, bar) -> tuple[list[dict], list[dict]]:
     """Drive so many fish of a body, in all families, and search: rows of the CSV, and the worst cases."""
     usual = usual_energy(make_fish(name), how)
     rows, cases = [], []
@@ -68,21 +68,21 @@ def attack_body(name: str, how: Settings, fish: int, evaluations: int, bar) -> t
     return rows + more_rows, cases + more_cases
 
 
-def attack(bodies=tuple(BODIES), fish=FISH, evaluations=EVALUATIONS) -> list[dict]:
-    """Attack bodies; a row of the table for each family and search.
+def stress(bodies=tuple(BODIES), fish=FISH, evaluations=EVALUATIONS) -> list[dict]:
+    """Test bodies; a row of the table for each family and search.
 
     Other bodies than the default one take OTHERS times fewer fish and evaluations. The CSV and the stored cases are
-    replaced only by an attack on every body with the default numbers.
+    replaced only by a test of every body with the default numbers.
     """
     rows, cases, default = [], [], make_fish().name
     effort = {name: 1 if name == default else OTHERS for name in bodies}
     with tqdm(total=sum((fish + evaluations) // less for less in effort.values()), unit="fish") as bar:
         for name, less in effort.items():
-            found = attack_body(name, own_settings(make_fish(name)), fish / less, evaluations // less, bar)
+            found = stress_body(name, own_settings(make_fish(name)), fish / less, evaluations // less, bar)
             rows += found[0]
             cases += found[1]
     if (set(bodies), fish, evaluations) == (set(BODIES), FISH, EVALUATIONS):
-        write_csv("attack.csv", rows, COMMAND)
+        write_csv("stress.csv", rows, COMMAND)
         store(cases)
     return rows
 
@@ -106,7 +106,7 @@ def main() -> int:
     parser.add_argument("--evaluations", type=int, default=EVALUATIONS, help=f"of the search ({EVALUATIONS:,})")
     chosen = parser.parse_args()
     bodies = (chosen.body,) if chosen.body else tuple(BODIES)
-    return 0 if report(attack(bodies, chosen.fish, chosen.evaluations)) else 1
+    return 0 if report(stress(bodies, chosen.fish, chosen.evaluations)) else 1
 
 
 if __name__ == "__main__":
