@@ -355,6 +355,7 @@ def test_searched_parameters(body):
     assert rounded({"a": [0.123456, 12345.6], "b": 0.000123456, "c": "trout", "d": None}) == short
 
 
+@pytest.mark.slow
 def test_the_search_finds_the_way_back():
     """A body has no distance to its own motion, and a search gets most of the way back from one that was changed."""
     fish = make_fish("planar")

@@ -204,7 +204,8 @@ def cell(row: dict | None) -> str:
     """The score with its interval over seeds, and the held-out score."""
     if row is None:
         return "-"
-    ends = f" ({row['low']:.2f} to {row['high']:.2f})" if row["seeds"] > 1 else ""
+    dash = " to " if row["low"] < 0 else "\N{EN DASH}"
+    ends = f" ({row['low']:.2f}{dash}{row['high']:.2f})" if row["seeds"] > 1 else ""
     return f"{row['score']:.2f}{ends}; {row['held_out']:.2f}"
 
 
