@@ -55,7 +55,7 @@ def test_a_learner_of_ones_own(here, capsys):
     words = ["benchmark", "test_protocol:still", *SHORT, "--save", "mine.json", "--seeds"]
     assert main([*words, "0"]) == 0
     assert CALLS == [("swim", "easy", 300, 0), ("swim", "medium", 300, 0)]
-    assert main([*words, "0", "1"]) == 0
+    assert main([*words, "0", "1", "1"]) == 0  # a seed that is named twice is run once
     assert CALLS[2:] == [("swim", "easy", 300, 1), ("swim", "medium", 300, 1)]
     capsys.readouterr()
     assert main(["benchmark", "mine.json"]) == 0
@@ -150,6 +150,7 @@ def test_mistakes_of_the_command(here, capsys):
         (["nothing:learn"], "cannot be imported"), (["test_protocol"], "module:function"),
         (["test_protocol:CALLS"], "module:function"), (["test_protocol:still", "--tasks", "swimm"], "did you mean"),
         (["test_protocol:still", "--levels", "esy"], "easy"), (["test_protocol:still", "--steps", "0"], "steps"),
+        (["test_protocol:still", "--seeds", "-1"], "seed is -1"), (["test_protocol:still", "--seeds", "100"], "100"),
         (["test_protocol:stopped", "--save", "mine.json"], "is of the learner test_protocol:still"),
         (["none.json"], "none.json"), (["ppo", "--save", "mine.txt"], ".json"),
     ):  # fmt: skip

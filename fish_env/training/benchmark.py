@@ -22,7 +22,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
 from fish_env.checks import check_names
-from fish_env.control.evaluation import EPISODES, FIRST_SEED, PolicyLike, evaluate, make_eval_env
+from fish_env.control.evaluation import EPISODES, FIRST_SEED, PolicyLike, checked_episodes, evaluate, make_eval_env
 from fish_env.control.files import write_text
 from fish_env.control.protocols import (
     BUDGETS,
@@ -45,6 +45,7 @@ from fish_env.training.run_folder import versions
 KEY = ("task", "level", "steps", "seed")
 CURVE_ROWS = 20
 SEED_STRIDE = 10_000  # fish i of a trial starts from its seed times this, + i: trials share no episode
+SEEDS_BELOW = FIRST_SEED // SEED_STRIDE  # nor one with the evaluation
 
 
 class Curve(BaseCallback):
@@ -158,7 +159,10 @@ def benchmark(
             raise ValueError(f"{path} is of the learner {found['learner']}; give --save another file")
     done = {tuple(run[name] for name in KEY) for run in found["runs"]}
     counts = [checked_count(steps, "steps") for steps in budgets]
-    wanted = [(t, v, n, int(s)) for s in seeds for n in counts for t in tasks for v in levels]
+    numbers = [checked_episodes(1, seed)[1] for seed in seeds]
+    if max(numbers, default=0) >= SEEDS_BELOW:
+        raise ValueError(f"seed is {max(numbers)}; give less than {SEEDS_BELOW}, beyond are the seeds of the evaluation")
+    wanted = dict.fromkeys((t, v, n, s) for s in numbers for n in counts for t in tasks for v in levels)  # each once
     try:
         for key in tqdm([key for key in wanted if key not in done], unit="trial", desc=learner, dynamic_ncols=True):
             found["runs"].append(run_trial(learn, *key))
