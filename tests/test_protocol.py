@@ -103,6 +103,13 @@ def test_levels_and_references():
     assert names >= set(protocols.HELD_OUT_NAMES)
 
 
+def test_options_of_a_trial_are_its_own():
+    """What a learner changes in them changes neither another trial nor the evaluation."""
+    trial, before = runner.Trial("swim", "medium", 300, 0, runner.Curve(300, "speed")), protocols.TRAINING["variation"]
+    trial.options["variation"].clear()
+    assert before and trial.options == protocols.level_options("swim", "medium") and trial.options["variation"]
+
+
 def test_policy_that_is_shipped(here):
     """The score of the shipped Swim policy is near 1 where it was trained; under other conditions it is smaller."""
     found = runner.measure(lambda env: load_policy("swim"), "swim", "easy")
