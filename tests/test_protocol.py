@@ -36,6 +36,12 @@ class Greedy:
     num_timesteps = 1_000_000
 
 
+def greedy_function(trial):
+    """A learner that took more steps than it was allowed, and returns no model."""
+    trial.curve.num_timesteps = 20_000
+    return still(trial)
+
+
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     """An empty folder, few episodes, and this module as that of the learner."""
@@ -166,6 +172,8 @@ def test_mistakes_of_the_command(here, capsys):
     assert not CALLS
     with pytest.raises(ValueError, match="1,000,000 environment steps, and the budget is 300"):
         runner.run_trial(lambda trial: Greedy(), "swim", "easy", 300, 0)
+    with pytest.raises(ValueError, match="20,000 environment steps, and the budget is 300"):
+        runner.run_trial(greedy_function, "swim", "easy", 300, 0)
 
 
 def test_rows_are_added_to_the_table(monkeypatch, tmp_path):

@@ -180,7 +180,7 @@ def run_trial(learn: Learner, task: str, level: str, steps: int, seed: int) -> d
     begin = time.process_time()
     policy = learn(trial)
     seconds = time.process_time() - begin
-    trained = getattr(policy, "num_timesteps", steps)
+    trained = max(getattr(policy, "num_timesteps", 0), trial.curve.num_timesteps)  # of a model; of what used the curve
     if trained > 1.1 * steps + 10_000:  # a last rollout may be over
         raise ValueError(f"the learner took {trained:,} environment steps, and the budget is {steps:,}; take fewer")
     return dict(zip(KEY, (task, level, steps, seed), strict=True)) | measure(lambda env: policy, task, level) | {
