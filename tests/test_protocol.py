@@ -83,6 +83,19 @@ def test_ctrl_c_keeps_the_trials(here, capsys):
     assert len(runner.read_result("mine.json")["runs"]) == 1
 
 
+def another_process(trial):
+    """A learner that another process runs for another seed meanwhile."""
+    if not trial.seed:
+        runner.benchmark("test_protocol:another_process", "mine.json", ["swim"], ["easy"], [300], [1])
+    return still(trial)
+
+
+def test_two_processes_share_a_file(here):
+    """Trials that another process has added meanwhile are kept."""
+    runner.benchmark("test_protocol:another_process", "mine.json", ["swim"], ["easy"], [300], [0])
+    assert sorted(run["seed"] for run in runner.read_result("mine.json")["runs"]) == [0, 1]
+
+
 def test_package_ppo(here):
     """The package's own PPO learns from a trial, with a curve within its budget, and its seed decides all."""
     one, other = (runner.run_trial(runner.ppo, "turn", "hard", 8192, seed) for seed in (0, 0))
@@ -134,6 +147,9 @@ MISTAKES = {
     "a return too few": ({"returns": [0.0] * 3}, "give 4"),
     "a return that is not finite": ({"returns": [float("nan")] * 4}, "not finite"),
     "no time": ({"processor_seconds": None}, "no result"),
+    "no trial": ({"runs": []}, "none"),
+    "steps that are a text": ({"steps": "many"}, "whole"),
+    "a curve of pairs": ({"curve": [[1, 2]]}, "three"),
 }
 
 

@@ -22,7 +22,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
-from fish_env.checks import check_names
+from fish_env.checks import check_names, is_whole
 from fish_env.control.evaluation import EPISODES, FIRST_SEED, PolicyLike, checked_episodes, evaluate, make_eval_env
 from fish_env.control.files import write_text
 from fish_env.control.protocols import (
@@ -158,15 +158,18 @@ def benchmark(
         found = read_result(path)
         if found["learner"] != learner:
             raise ValueError(f"{path} is of the learner {found['learner']}; give --save another file")
-    done = {tuple(run[name] for name in KEY) for run in found["runs"]}
+    done = {_key(run) for run in found["runs"]}
     counts = [checked_count(steps, "steps") for steps in budgets]
     numbers = [checked_episodes(1, seed)[1] for seed in seeds]
     if max(numbers, default=0) >= SEEDS_BELOW:
-        raise ValueError(f"seed is {max(numbers)}; give less than {SEEDS_BELOW}, beyond are the seeds of the evaluation")
+        raise ValueError(f"seed is {max(numbers)}; give less than {SEEDS_BELOW}, as the evaluation has the next")
     wanted = dict.fromkeys((t, v, n, s) for s in numbers for n in counts for t in tasks for v in levels)  # each once
     try:
         for key in tqdm([key for key in wanted if key not in done], unit="trial", desc=learner, dynamic_ncols=True):
             found["runs"].append(run_trial(learn, *key))
+            others = read_result(path) if path.exists() else found  # another process may have added trials
+            if others["learner"] == learner:
+                found["runs"] = list({_key(run): run for run in (*others["runs"], *found["runs"])}.values())
             write_text(path, json.dumps(found) + "\n")
     except KeyboardInterrupt:
         print(f"\n{len(found['runs'])} trials are in {path}; the same command goes on from there.")
@@ -213,13 +216,17 @@ def read_result(path: str | Path) -> dict[str, Any]:
             raise ValueError(f"it is of version {found['protocol']} of the protocol, which has {VERSION} now")
         for run in found["runs"]:
             _check_run(run)
-        keys = [tuple(run[name] for name in KEY) for run in found["runs"]]
-        if len(set(keys)) < len(keys) or not isinstance(found["learner"], str):
-            raise ValueError("it has a trial twice, or no learner")
+        keys = [_key(run) for run in found["runs"]]
+        if not keys or len(set(keys)) < len(keys) or not isinstance(found["learner"], str):
+            raise ValueError("it has a trial twice, or none, or no learner")
     except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
         reason = f"it has no {error}" if isinstance(error, KeyError) else error
         raise ValueError(f"{path} is no result of fish_env benchmark: {reason}") from error
     return found
+
+
+def _key(run: Mapping[str, Any]) -> tuple:
+    return tuple(run[name] for name in KEY)
 
 
 def _check_run(run: Mapping[str, Any]) -> None:
@@ -229,6 +236,10 @@ def _check_run(run: Mapping[str, Any]) -> None:
         raise ValueError(f"a trial has {len(run['returns'])} returns; give {EPISODES}")
     if not np.isfinite([*run["returns"], run["failed"], run["held_out"], run["processor_seconds"]]).all():
         raise ValueError("a return, a share or a time is not finite")
+    if not all(is_whole(run[name]) and run[name] >= 0 for name in ("steps", "seed")):
+        raise ValueError(f"steps are {run['steps']!r} and the seed {run['seed']!r}; give whole numbers")
+    if any(len(row) != 3 for row in run["curve"]):
+        raise ValueError("a row of a curve has not three numbers")
 
 
 def score_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
