@@ -13,16 +13,18 @@ FACTORS = ("stiffness", "drag", "lightness", "shortness")  # of each fish of a b
 
 
 def make_control(body: Body, kind: Kind, driven=(), plans=NO_PLAN, costs=None, constant=False, line=None) -> Pack:
-    """Make the control of a block of fish with default factors, at their natural lengths."""
-    # Fields with one lane per fish: rest_length (E,) m; start (D,) m and rate (D,) m/s of the driven springs (D,) at
-    # the start of a call; stiffness, drag and lightness (1,), factors over the factor on mass; shortness (1,), 1 over
-    # the factor on length; current (1,) m/s; fastest (1,) 1/s, the largest relative rate of a spring's length so far;
-    # work (1,) J over the factor on stiffness, done by the driven springs so far; pivots and untrusted (1,), counts of
-    # non-positive and untrusted pivots. Shared fields: plans (P,K), row (1,) and costs (P,3)
-    # (`fish_env.physics.forces.plan`); elapsed (1,) s, the time of the evaluation since the start of the call;
-    # constant, True if the forces' system matrix does not depend on the motion; reused (1,), the number of steps of a
-    # call that reused the factors of the previous step; flows, what `common.make_measure` reads and writes, empty for
-    # None instead of the weights `line` (N,) of the forward direction.
+    """Make the control of a block of fish with default factors, at their natural lengths.
+
+    Fields with one lane per fish: rest_length (E,) m; start (D,) m and rate (D,) m/s of the driven springs (D,) at the
+    start of a call; stiffness, drag and lightness (1,), factors over the factor on mass; shortness (1,), 1 over the
+    factor on length; current (1,) m/s; fastest (1,) 1/s, the largest relative rate of a spring's length so far; work
+    (1,) J over the factor on stiffness, done by the driven springs so far; pivots and untrusted (1,), counts of
+    non-positive and untrusted pivots. Shared fields: plans (P,K), row (1,) and costs (P,3)
+    (`fish_env.physics.forces.plan`); elapsed (1,) s, the time of the evaluation since the start of the call; constant,
+    True if the forces' system matrix does not depend on the motion; reused (1,), the number of steps of a call that
+    reused the factors of the previous step; flows, what `common.make_measure` reads and writes, empty for None instead
+    of the weights `line` (N,) of the forward direction.
+    """
     count = 0 if line is None else len(body.mass)
     control = Pack(
         "control",
