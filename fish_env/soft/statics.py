@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import orth
 from scipy.sparse import block_array, csc_array, csr_array, diags_array, eye_array
+from scipy.sparse.csgraph import structural_rank
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from fish_env.checks import check_names, finite_array, is_whole, positive_array
@@ -193,7 +194,8 @@ def _eliminate(matrix: csr_array, given, load, held) -> tuple[np.ndarray, np.nda
     if not size.all():
         raise NoEquilibrium(UNRESISTED)
     scale = diags_array(1.0 / size)
-    found[free] = _factor(scale @ inner @ scale).solve(force[free] / size) / size
+    if free.size:
+        found[free] = _factor(scale @ inner @ scale).solve(force[free] / size) / size
     bearing = np.zeros(found.size)
     bearing[fixed] = (matrix @ found - load.ravel())[fixed]
     return found.reshape(given.shape), bearing.reshape(given.shape)
@@ -295,6 +297,8 @@ def _solver(body: Body, matrix, rigid, slack=0.0) -> Callable:
 
 def _factor(matrix):
     """Factors of a sparse, symmetric matrix; NoEquilibrium if it is singular."""
+    if structural_rank(matrix) < matrix.shape[0]:  # on such a matrix SuperLU may end the process
+        raise NoEquilibrium(UNRESISTED)
     try:
         factors = splu(csc_array(matrix), **SYMMETRIC)
     except RuntimeError as error:

@@ -826,3 +826,13 @@ def test_stored_cases_are_read_back(tmp_path):
     for again in found.values():
         assert again.keys() == case.keys() and np.array_equal(again["goals"], case["goals"])
         assert np.array_equal(again["position"], case["position"])
+
+
+def test_statics_without_stiffness_or_freedom():
+    """A straight chain, which nothing keeps straight, is refused; where all nodes are displaced, they are there."""
+    x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    chain = make_body(x, np.ones(3), [(0, 1), (1, 2)], np.full(2, 100.0), np.full(2, 0.1), np.ones(2), [])
+    with pytest.raises(NoEquilibrium):
+        linear_deflection(chain, [[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    found, _ = prescribed_displacement(chain, [0, 1, 2], (0.0, 0.0, 0.1))
+    np.testing.assert_array_equal(found, np.tile([0.0, 0.0, 0.1], (3, 1)))
