@@ -59,7 +59,7 @@ def execute(block, scope):
         return
     if re.search(r"stable_baselines3|sb3|\btorch\b", block.text):
         pytest.importorskip("stable_baselines3")
-    for library in ("onnx", "optuna", "wandb"):
+    for library in ("onnx", "wandb"):
         if re.search(rf"\b(to_)?{library}\b", block.text):
             pytest.importorskip(library)
     if re.search(r"\brllib\b", block.text):

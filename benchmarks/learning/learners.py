@@ -195,9 +195,9 @@ def table() -> str:
     for (level, steps, learner), tasks in sorted(lines.items()):
         if learner != "random":
             minutes = f"{np.mean([row['seconds'] for row in tasks.values()]) / 60:.1f}" if steps else ""
-            about = (learner.rpartition(":")[2], list(protocol.LEVELS)[level], f"{steps:,}" if steps else "")
+            about = (f"{learner.rpartition(':')[2]}, {list(protocol.LEVELS)[level]}", f"{steps:,}" if steps else "")
             found.append((*about, *(cell(tasks.get(task)) for task in protocol.TASKS), minutes))
-    return markdown(("learner", "level", "steps", *map(words, protocol.TASKS), "processor, min"), found)
+    return markdown(("learner, level", "steps", *map(words, protocol.TASKS), "processor, min"), found)
 
 
 def cell(row: dict | None) -> str:

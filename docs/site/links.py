@@ -67,7 +67,7 @@ def links(text: str) -> list[str]:
 def on_config(config):
     """Where mike builds a version for the site on GitHub: addresses, a link to the repository, a choice of versions."""
     if MIKE in os.environ:
-        address, account, name = ADDRESS.search((ROOT / "pyproject.toml").read_text()).groups()
+        address, account, name = ADDRESS.search((ROOT / "pyproject.toml").read_text("utf-8")).groups()
         config.site_url = f"https://{account}.github.io/{name}/{os.environ[MIKE]}/"
         config.extra["version"] = {"provider": "mike"}
         config.extra["social"] = [{"icon": "fontawesome/brands/github", "link": address, "name": "Repository"}]

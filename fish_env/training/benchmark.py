@@ -45,8 +45,7 @@ from fish_env.training.run_folder import versions
 
 KEY = ("task", "level", "steps", "seed")
 CURVE_ROWS = 20
-SEED_STRIDE = 10_000  # fish i of a trial starts from its seed times this, + i: trials share no episode
-SEEDS_BELOW = FIRST_SEED // SEED_STRIDE  # nor one with the evaluation
+SEEDS_BELOW = FIRST_SEED // 10  # fish i of a trial starts from its seed + i: none from one of the evaluation
 
 
 class Curve(BaseCallback):
@@ -90,7 +89,7 @@ class Trial:
     def make_env(self, num_envs: int, **training) -> VecEnv:
         """The batch to train on; `training` are keywords that differ in training, such as shorter episodes."""
         options = self.options | training
-        return make_sb3_vec_env(self.env_id, num_envs, SEED_STRIDE * self.seed, staggered=True, **options)
+        return make_sb3_vec_env(self.env_id, num_envs, self.seed, staggered=True, **options)
 
 
 Learner = Callable[[Trial], PolicyLike]
@@ -100,7 +99,7 @@ def ppo(trial: Trial) -> PolicyLike:
     """The package's own PPO with the settings of `fish_env train`."""
     config = CONFIGS[trial.task]
     config = replace(config, timesteps=trial.steps, env_options=config.env_options | trial.options)
-    with closing(make_env(config, config.num_envs, SEED_STRIDE * trial.seed)) as env:
+    with closing(make_env(config, config.num_envs, trial.seed)) as env:
         model = make_model(config, env, trial.seed)
         model.learn(trial.steps, trial.curve)
         return export_policy(model, {"env_id": config.env_id, "env_options": config.env_options})
@@ -118,7 +117,7 @@ def find_learner(name: str) -> Learner:
     sys.path.insert(0, os.getcwd())
     try:
         found = getattr(import_module(module), function) if colon else None
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
+    except (ImportError, AttributeError, TypeError, ValueError, SyntaxError) as error:
         raise ValueError(f"the learner {name!r} cannot be imported: {error}") from error
     if not callable(found):
         raise ValueError(f"the learner is {name!r}; give ppo, or module:function of a function of a Trial")
@@ -162,7 +161,7 @@ def benchmark(
     counts = [checked_count(steps, "steps") for steps in budgets]
     numbers = [checked_episodes(1, seed)[1] for seed in seeds]
     if max(numbers, default=0) >= SEEDS_BELOW:
-        raise ValueError(f"seed is {max(numbers)}; give less than {SEEDS_BELOW}, as the evaluation has the next")
+        raise ValueError(f"seed is {max(numbers)}; give less than {SEEDS_BELOW}: those of the evaluation lie beyond")
     wanted = dict.fromkeys((t, v, n, s) for s in numbers for n in counts for t in tasks for v in levels)  # each once
     try:
         for key in tqdm([key for key in wanted if key not in done], unit="trial", desc=learner, dynamic_ncols=True):
