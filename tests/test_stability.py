@@ -236,7 +236,8 @@ def test_a_step_above_the_limit_warns(make):
             match=f"'{name}' will fail .*: its stable steps are at most {limit:.3g} s, and dt is {above:.3g} s",
         ):
             make(integrator=name, dt=above)
-        with warnings.catch_warnings(action="error", category=UserWarning):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)
             make(integrator=name, dt=below)
 
 

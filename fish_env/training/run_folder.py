@@ -56,7 +56,7 @@ def open_folder(request: Request) -> Iterator[Path]:
         if os.path.lexists(folder / "model.zip"):
             raise ValueError(f"{folder} holds a run; resume it with: fish_env train {request.task} --resume {folder}")
         writable_folder(folder)
-    with (folder / "lock").open("a") as file:
+    with (folder / "lock").open("a", encoding="utf-8") as file:
         if fcntl is not None:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -112,7 +112,7 @@ def read_curve(folder: Path) -> list[dict[str, float]]:
     """
     path = Path(folder) / "curve.csv"
     try:
-        with path.open(newline="") as file:
+        with path.open(newline="", encoding="utf-8") as file:
             head, *rows = csv.reader(file)
         count, terms = len(CURVE), (name.startswith(TERM) for name in head[len(CURVE) :])
         if tuple(head[:count]) != CURVE or not all(terms) or any(len(row) != len(head) for row in rows):

@@ -30,7 +30,7 @@ class Kind:
         known = isinstance(self.lanes, str | int) and self.lanes in (*LANES, DUAL, THREAD)
         if not known or isinstance(self.lanes, bool):
             raise ValueError(f"lanes is {self.lanes!r}; choose from {', '.join(map(repr, LANES))}")
-        if self.dtype not in ("float64", "float32"):
+        if not isinstance(self.dtype, str) or self.dtype not in ("float64", "float32"):
             raise ValueError(f"dtype is {self.dtype!r}; choose 'float64' or 'float32'")
 
     @property
