@@ -230,11 +230,11 @@ def draw() -> None:
                 [interquartile_mean(column) for column in np.transpose(lines)],
                 "-" if steps == BUDGET else "--",
             )
-            axis.plot(at, mean, color=COLOURS.get(short, GREY), ls=dashes, label=label)
+            axis.plot(at / 1000, mean, color=COLOURS.get(short, GREY), ls=dashes, label=label)
         quantity = protocol.TASKS[task][1]
         bound = [row["bound"] for row in read_table("learning/bound.csv", task=task, quantity=quantity)]
         axis.axhline(np.mean(bound), color="black", ls=":", label="best found by optimal control")
-        axis.set(title=words(task), xlabel="environment steps", ylabel=name, xscale="log", ylim=(0, None))
+        axis.set(title=words(task), xlabel="thousand environment steps", ylabel=name, xscale="log", ylim=(0, None))
     legend_below(figure, 3)
     save(figure, IMAGES / "learners.svg")
 
