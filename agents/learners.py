@@ -19,7 +19,7 @@ from fish_env.training.benchmark import Trial
 from fish_env.training.build import falling
 
 SETTINGS = Path(__file__).with_name("zoo")
-REPLACED = ("n_timesteps", "n_envs", "normalize", "policy")
+REPLACED = ("n_timesteps", "n_envs", "env_kwargs", "normalize", "policy")
 
 
 def settings(name: str, trial: Trial) -> dict[str, Any]:
@@ -30,7 +30,7 @@ def settings(name: str, trial: Trial) -> dict[str, Any]:
 def learn(name: str, algorithm: Callable, trial: Trial) -> Controller:
     """Train, and return the policy as a function of observations and time."""
     found = settings(name, trial)
-    env = VecNormalize(trial.make_env(found["n_envs"], muscle_groups="pairs"), gamma=found["gamma"])
+    env = VecNormalize(trial.make_env(found["n_envs"], **found["env_kwargs"]), gamma=found["gamma"])
     groups = env.get_attr("groups", [0])[0]
     keywords = {key: value for key, value in found.items() if key not in REPLACED}
     if str(keywords["learning_rate"]).startswith("lin_"):

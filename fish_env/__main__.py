@@ -25,7 +25,6 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -36,7 +35,7 @@ import fish_env
 from fish_env.bodies.fitted import WATERS
 from fish_env.checks import check_names, similar
 from fish_env.control.chart import chart
-from fish_env.control.console import INSTALL, Parser, interrupt_once, run_command
+from fish_env.control.console import INSTALL, Parser, import_from_here, interrupt_once, run_command
 from fish_env.control.evaluation import EPISODES, FIRST_SEED, checked_episodes
 from fish_env.control.files import writable_file, write_text
 from fish_env.control.film import write_film
@@ -153,13 +152,11 @@ def add_benchmark_options(command: argparse.ArgumentParser) -> None:
     """Add what `benchmark` takes."""
     text = "ppo, module:function, which takes a Trial and returns a policy, or the .json file of one, to be shown"
     command.add_argument("learner", help=text)
-    command.add_argument("--tasks", nargs="+", default=list(TASKS), help=f"(default {' '.join(TASKS)})")
-    command.add_argument("--levels", nargs="+", default=list(LEVELS), help=f"(default {' '.join(LEVELS)})")
-    command.add_argument("--steps", type=int, nargs="+", default=BUDGETS,
-                         help=f"budgets of environment steps (default {' '.join(map(str, BUDGETS))})")  # fmt: skip
-    command.add_argument("--seeds", type=int, nargs="+", default=SEEDS, help=f"(default {' '.join(map(str, SEEDS))})")
+    for name, usual in {"tasks": TASKS, "levels": LEVELS, "steps": BUDGETS, "seeds": SEEDS}.items():
+        kind = type(next(iter(usual)))
+        command.add_argument(f"--{name}", type=kind, nargs="+", help=f"(default {' '.join(map(str, usual))})")
     text = "where trials are kept; those that it has are not repeated (default benchmark.json)"
-    command.add_argument("--save", type=Path, default=Path("benchmark.json"), help=text)
+    command.add_argument("--save", type=Path, help=text)
 
 
 def percent(text: str) -> float:
@@ -190,15 +187,6 @@ def task_summary(spec) -> str:
     return text.split(". ")[0].removesuffix(".") + "."
 
 
-def import_task_module(name: str) -> None:
-    """Import a module that registers environments, from the present folder too; ValueError if it cannot be."""
-    sys.path.insert(0, os.getcwd())  # where `python -m fish_env` looks, and the installed program does not
-    try:
-        import_module(name)
-    except (ImportError, TypeError, ValueError) as error:  # the last two for names that no module has
-        raise ValueError(f"the module {name!r} cannot be imported: {error}") from error
-
-
 def settings_from(option: str, words: Sequence[str]) -> dict[str, Any]:
     """The settings that words NAME=VALUE give; ValueError for any other word."""
     found: dict[str, Any] = {}
@@ -218,7 +206,7 @@ def fish_of(name: str, water: str | None) -> fish_env.Fish:
     module, colon, function = name.rpartition(":")
     if not colon:
         return fish_for(name, water)
-    import_task_module(module)
+    import_from_here(module)
     make = getattr(sys.modules[module], function, None)
     if callable(make) and isinstance(fish := make(), fish_env.Fish):
         return fish
@@ -233,7 +221,7 @@ def run_training(arguments: argparse.Namespace) -> None:
     changes |= {name: count for name, count in counts.items() if count is not None}
     module, colon, name = arguments.task.rpartition(":")
     if colon:
-        import_task_module(module)
+        import_from_here(module)
     task = next((short for short, config in CONFIGS.items() if config.env_id == name), name)
     if task not in {*CONFIGS, *gym.registry} and similar(task, CONFIGS):
         check_names("unknown task", CONFIGS, task)
@@ -354,12 +342,15 @@ def run_benchmark(arguments: argparse.Namespace) -> None:
     """Run a learner's trials, or read them, and print their scores."""
     from fish_env.training.benchmark import benchmark, read_result, score_rows
 
+    names = {"tasks": "tasks", "levels": "levels", "steps": "budgets", "seeds": "seeds"}
+    given = {names[name]: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     if arguments.learner.endswith(".json"):
+        if given or arguments.save:
+            raise ValueError(f"{arguments.learner} is shown as it is; leave out the other options, or name its learner")
         result = read_result(arguments.learner)
     else:
-        save = writable_file(arguments.save, (".json",))
-        choice = (arguments.tasks, arguments.levels, arguments.steps, arguments.seeds)
-        result = benchmark(arguments.learner, save, *choice)
+        save = writable_file(arguments.save or "benchmark.json", (".json",))
+        result = benchmark(arguments.learner, save, **given)
         print(f"written to {save}")
     rows = score_rows(result)
     table = [list(rows[0]), *([str(value) for value in row.values()] for row in rows)]
@@ -404,7 +395,7 @@ def run(parser: argparse.ArgumentParser, words: Sequence[str] | None, signals: l
     """Run a command; the exit status. Signals that are to stop it are added to `signals`."""
     arguments = parser.parse_args(words, argparse.Namespace(signals=signals))
     if arguments.task_module is not None:
-        import_task_module(arguments.task_module)
+        import_from_here(arguments.task_module)
     return arguments.run(arguments) or 0
 
 

@@ -102,9 +102,12 @@ def masses(p) -> np.ndarray:
 
 
 def project_stiffness(p):
-    """Project the stiffness of the default fish's springs, N/m, onto the plane."""
-    # Chord (6,) of each side of a section, diagonal (6,) of each of two, across (7,) a layer, active (6,) the muscles'
-    # part of the chord.
+    """Project the stiffness of the default fish's springs, N/m, onto the plane.
+
+    Returns:
+        chord (6,) of each side of a section, diagonal (6,) of each of two, across (7,) a layer, active (6,) the
+        muscles' part of the chord.
+    """
     along = p.length * np.diff([0.0, *p.layer_position, 1.0])
     width = p.length * np.array([0.0, *p.half_width, 0.0])
     depth = p.length * np.array([0.0, *p.half_depth, p.tail_half_span])

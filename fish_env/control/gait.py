@@ -47,6 +47,10 @@ class Gait:
 
 
 def best_gait(water: str | None = None) -> Gait:
-    """The fastest open-loop gait of the default fish in "drag" or "reactive" water, by default the default one."""
+    """The fastest open-loop gait of the default fish in drag or in reactive water, by default the default one.
+
+    Raises:
+        ValueError: for another level of water.
+    """
     found = json.loads(GAIT_FILE.read_text("utf-8"))[check_level(water)]["gait"]
     return Gait(found["frequency"], tuple(found["amplitude"]), tuple(found["lag"]))

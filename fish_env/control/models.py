@@ -44,9 +44,15 @@ def check_actions(actions: gym.Space, combined: bool = False) -> None:
 
 
 def normalisation_of(model: Any, combined: bool = False) -> Normalisation | None:
-    """How `VecNormalize` of a model's environment normalises observations; ValueError for other wrappers."""
-    # None if it does not. `combined`: the environment may have a wrapper of its own, which combines actions; no other
-    # may change them.
+    """The normalisation of observations by `VecNormalize` of a model's environment, or None.
+
+    Args:
+        model: of Stable-Baselines3, with the environment that it was trained in.
+        combined: the environment may have a wrapper of its own, which combines actions.
+
+    Raises:
+        ValueError: without an environment, or with wrappers that change observations or actions otherwise.
+    """
     env, found = model.get_env(), None
     if env is None:
         raise ValueError("the model has no environment, which may normalise; give it one: model.set_env(env)")

@@ -44,7 +44,7 @@ TRAINING: dict[str, Any] = {
 
 
 VERSION = 1
-"""Of the protocol by which learners are compared: scores of one version can be compared."""
+"""Version of the protocol for learners: scores of one version can be compared."""
 
 TASKS = {
     "swim": ("FishEnv/Swim-v0", "speed"), "turn": ("FishEnv/Turn-v0", "latency"),
@@ -63,7 +63,7 @@ LEVELS: dict[str, dict[str, Any]] = {
 LeftAfterRight has twice the `severity`."""
 
 HELD_OUT_EPISODES = 20
-"""Of each condition of `HELD_OUT_NAMES`, for learners."""
+"""Episodes in each condition of `HELD_OUT_NAMES`, for learners."""
 
 HELD_OUT_NAMES = ("body planar", "length 0.7", "length 1.4", "stiffness 0.6", "mass 1.3", "drag 1.6", "current 0.3")
 """The conditions of `HELD_OUT`, bodies and water, in which learners are tested."""

@@ -90,7 +90,12 @@ class FishVecEnv(Keywords, VecEnv):
         return call_each(self.fish, attr_name, self._get_indices(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices=None) -> None:
-        """`FishVectorEnv.set_attr`, for all fish, which share it; ValueError unless all are selected."""
+        """Set an option of `FishVectorEnv.settable` for the episodes that begin next, for all fish: they share it.
+
+        Raises:
+            AttributeError: for any other option, naming those that can be set.
+            ValueError: for a value that is not allowed, or unless all fish are selected.
+        """
         if set(self._get_indices(indices)) != set(range(self.num_envs)):
             raise ValueError("fish of one batch share their attributes; set it for all (indices=None)")
         self.fish.set_attr(attr_name, [value] * self.num_envs)

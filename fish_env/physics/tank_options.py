@@ -126,7 +126,7 @@ def checked_command(contraction, duration, shape: tuple[int, int]) -> tuple[np.n
 
 def bytes_of(body: Body) -> int:
     """Approximate memory of one fish of a tank, in bytes, including one copy of its state."""
-    return 8 * (12 * body.mass.size + 3 * body.springs.stiffness.size + 42)
+    return 8 * (12 * body.mass.size + 3 * body.springs.stiffness.size + 43)
 
 
 def kind_for(num_fish: int, dtype: str, lanes: str | int | None) -> Kind:

@@ -15,8 +15,13 @@ NEIGHBOURS = 3  # nodes of the old level that a node of the new one lies between
 
 
 def projected_size(size: float, distance: float, focal: float) -> float:
-    """Pixels that a length `size`, m, covers at a `distance`, m; ValueError for a number that is not positive."""
-    # `focal` is a pinhole camera's focal length in pixels: half the picture's width over the tangent of half its angle.
+    """Pixels that a length `size`, m, covers at a `distance`, m, across the view of a pinhole camera.
+
+    `focal` is the camera's focal length in pixels: half the picture's width over the tangent of half its angle.
+
+    Raises:
+        ValueError: for a number that is not finite and positive.
+    """
     for name, value in (("size (m)", size), ("distance (m)", distance), ("focal (pixels)", focal)):
         positive_array(value, (), name)
     return float(size * focal / distance)

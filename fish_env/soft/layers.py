@@ -100,9 +100,12 @@ class TwoLayers:
 
 
 def choose_materials(standard: TwoLayers, changes: dict, layers=2) -> TwoLayers:
-    """Change some of the standard materials, for one layer or two."""
-    # ValueError for an unknown name, a value that is not allowed, a mass and a density of the same layer, or a material
-    # of the inner layer, of its gas or of what joins it where there is one layer only.
+    """Change some of the standard materials, for one layer or two.
+
+    Raises:
+        ValueError: for an unknown name, a value that is not allowed, a mass and a density of the same layer, or a
+            material of the inner layer, of its gas or of what joins it where there is one layer only.
+    """
     names = [field.name for field in fields(TwoLayers)]
     for name in changes:
         check_names("unknown material", names, name)

@@ -77,7 +77,18 @@ def make_block(cells=4, *, side=0.16, strain="corotational", lumping="quarter", 
 
 @representable("the ball")
 def make_ball(cells=4, *, radius=0.1, strain="corotational", lumping="quarter", **material) -> Solid:
-    """A ball, `radius` m: a `make_block` of so many cells along each edge, each of its shells made a sphere."""
+    """A ball: a cube's grid of so many cells along each edge, an even number, each of its shells made a sphere.
+
+    Args:
+        cells: along each edge, even, at least 2.
+        radius: m.
+        strain: the measure of strain (`make_tets`).
+        lumping: how the mass is shared among the nodes (`lumped_mass`).
+        material: fields of `SolidMaterial`; those not given are those of SOFT.
+
+    Raises:
+        ValueError: naming the argument, its value, and what is allowed.
+    """
     positive_array(radius, (), "radius (m)")
     mesh = bar(cells, cells, 2.0, 2.0)
     x, y, z = mesh.position.T
@@ -93,9 +104,20 @@ def make_ball(cells=4, *, radius=0.1, strain="corotational", lumping="quarter", 
 @representable("the bar of two materials")
 def make_two_materials(cells=8, *, across=2, length=0.32, thickness=0.08, soft=SOFT, stiff=STIFF,
                        strain="corotational", lumping="quarter") -> Solid:  # fmt: skip
-    """A bar along x of two `SolidMaterial`: `soft` where x is negative, `stiff` where it is positive.
+    """A bar along x of two materials: `soft` where x is negative, `stiff` where it is positive.
 
-    `cells` is an even number, as many of each material; all else is as of `make_beam`.
+    Args:
+        cells: along it, an even number, at least 2: as many of each material.
+        across: cells across and upward, an even number.
+        length: m.
+        thickness: m.
+        soft: a `SolidMaterial`.
+        stiff: a `SolidMaterial`.
+        strain: the measure of strain (`make_tets`).
+        lumping: how the mass is shared among the nodes (`lumped_mass`).
+
+    Raises:
+        ValueError: naming the argument, its value, and what is allowed.
     """
     if whole(cells, "cells", 2) % 2:
         raise ValueError(f"cells is {cells}; give an even number, half of them for each material")

@@ -126,8 +126,11 @@ def cached(make: Callable) -> Any:
 
 @cached
 def total(names: tuple[str, ...], function: str, *others: str):
-    """Make the kernel that calls a function of each force in turn, or the first of the others that the force has."""
-    # ValueError for a function that is not in KERNELS, or a force whose part no body or world has had.
+    """Make the kernel that calls a function of each force in turn, or the first of the others that the force has.
+
+    Raises:
+        ValueError: for a function that is not in KERNELS, or a force whose part no body or world has had.
+    """
     if not {function, *others} <= set(KERNELS):
         raise ValueError(f"{(function, *others)} are no functions of forces; choose from {', '.join(KERNELS)}")
     absent = [name for name in names if isinstance(FORCES[name], str)]
