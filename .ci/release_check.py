@@ -15,14 +15,15 @@ FIRST = re.compile(r"^## (?P<head>[^\n]*)\n(?P<text>.*?)(?=^## |\Z)", re.MULTILI
 
 
 def value(root: Path, name: str, pattern: str) -> str:
-    """The value in a line of a file."""
-    return re.search(pattern, (root / name).read_text(encoding="utf-8"), re.MULTILINE)[1]
+    """The value in a line of a file; the program ends if there is none."""
+    found = re.search(pattern, (root / name).read_text(encoding="utf-8"), re.MULTILINE)
+    return found[1] if found else sys.exit(f"{name} has no line {pattern}")
 
 
 def section(root: Path) -> tuple[str, str]:
-    """Heading and text of the first section of the changelog."""
+    """Heading and text of the first section of the changelog; both are empty if there is none."""
     found = FIRST.search((root / "CHANGELOG.md").read_text(encoding="utf-8"))
-    return found["head"], found["text"].strip() + "\n"
+    return (found["head"], found["text"].strip() + "\n") if found else ("", "")
 
 
 def problems(tag: str, root: Path = ROOT) -> list[str]:

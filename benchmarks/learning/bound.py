@@ -6,7 +6,9 @@ with the better ones of the two, which it never falls behind, and changes them e
 or to the right. Fast strokes are unstable without feedback. A steady swimmer therefore executes only the beginning of a
 plan, and plans again from there (a receding horizon); the controller that it began with goes on after the plan.
 
-A search shows what can be reached. How far its seeds are apart tells how far it may be from the best.
+A search shows what can be reached. How far its seeds are apart tells how far it may be from the best. For turns, one
+more search looks for the largest return of the next time, in which the controller goes on after the changes: its
+latency is what the reward asks for.
 """
 
 from collections.abc import Callable
@@ -33,6 +35,7 @@ WRONG = 5.0  # s that a radian beyond the tolerance costs in a search
 CRUISE, STEADY = 2.5, 1.5  # s that a fish swims before and after the start; at their end those that are measured
 HORIZON, PLANNED, AGAIN = 1.0, 0.4, 0.12  # s that a plan looks ahead, that it changes, and that are executed of it
 SHARE = 0.1  # of the budget, for each plan
+RETURNS, NEXT = 1.2, 0.4  # s after a command whose rewards are summed; in which commands are changed for them
 
 
 class Start(NamedTuple):
@@ -51,6 +54,7 @@ class Swum(NamedTuple):
     way: np.ndarray  # (K+1,B) body lengths along the commanded heading
     interval: float  # s
     commands: np.ndarray  # (K,A) actions of the first fish
+    rewards: np.ndarray  # (K,B)
 
 
 Found = tuple[np.ndarray, np.ndarray]
@@ -78,6 +82,11 @@ def measure_settled(swum: Swum, wanted: float) -> Found:
     return np.where(beyond > 0.0, np.nan, value), cost + WRONG * beyond
 
 
+def measure_rewarded(swum: Swum, wanted: float) -> Found:
+    """The latency of fish whose return is what a search looks for."""
+    return measure_latency(swum, wanted)[0], -swum.rewards[: round(RETURNS / swum.interval)].sum(axis=0)
+
+
 def measure_way(swum: Swum, wanted: float) -> Found:
     """Distance along the commanded heading, body lengths."""
     return swum.way[-1], -swum.way[-1]
@@ -92,9 +101,10 @@ def measure_speed(swum: Swum, wanted: float) -> Found:
 
 Measure = Callable[[Swum, float], Found]
 TURNS: dict[str, Measure] = {"latency": measure_latency, "latency, then settled": measure_settled}
+REWARDED = "latency of the largest return"
 GOALS: dict[str, dict[str, Measure]] = {
-    "turn": TURNS,
-    "left_after_right": TURNS,
+    "turn": TURNS | {REWARDED: measure_rewarded},
+    "left_after_right": TURNS | {REWARDED: measure_rewarded},
     "fast_start": {"escape distance": measure_way},
     "swim": {"speed": measure_speed},
 }
@@ -132,18 +142,19 @@ def drive(env: FishVectorEnv, state: FishState, control: Controller, steps: int)
     """Let all fish go on from a state by a controller, whose time begins with it."""
     obs, interval, pose = env.set_state(state), env.control_interval, env._pose
     failed, begin, heading = np.zeros(env.num_envs, dtype=bool), pose.centre.copy(), env._vectors[:, 0].copy()
-    yaw, way, commands = [], [], []
+    yaw, way, commands, rewards = [], [], [], []
     for k in range(steps + 1):
         yaw.append(np.arctan2(pose.axes[:, 0, 1], pose.axes[:, 0, 0]))
         way.append(((pose.centre - begin) * heading).sum(axis=1) / env.tank.fish.length)
         if k < steps:
             action = np.broadcast_to(control(obs, k * interval), env.action_space.shape)
             commands.append(action[0].copy())
-            obs, _, terminated, *_ = env.step(action)
+            obs, reward, terminated, *_ = env.step(action)
+            rewards.append(reward.copy())
             failed |= terminated
     turned = np.unwrap(yaw, axis=0)
-    turned, way = (np.where(failed, np.nan, values) for values in (turned - turned[0], way))
-    return Swum(turned, way, interval, np.array(commands))
+    turned, way, total = (np.where(failed, np.nan, values) for values in (turned - turned[0], way, np.array(rewards)))
+    return Swum(turned, way, interval, np.array(commands), total)
 
 
 def recorded(commands: np.ndarray, interval: float) -> Controller:
@@ -215,6 +226,10 @@ def search(env: FishVectorEnv, start: Start, control: Controller, measure: Measu
     """Swim as well as a search finds, which begins with what a controller commands from a start."""
     if measure is measure_speed:
         return swim_planned(env, start, control, budget, seed)
+    if measure is measure_rewarded:
+        steps, changed = (round(time / env.control_interval) for time in (RETURNS, NEXT))
+        found = Search(env, start, control, measure, steps, changed)
+        return found.swim(found.best(budget, seed)[None])
     steps, interval = len(start.commands), env.control_interval
     swum = drive(env, start.state, control, steps)
     if measure in TURNS.values():
@@ -249,12 +264,13 @@ def rows_of(task: str, starts: int, budget: int, seeds: int, **options) -> list[
         controls = {"motor_controllers": scripted(env)} | (
             {} if policy is None else {"policy": as_controller(policy, env)}
         )
-        controls[swum_by] = recorded(start.commands, env.control_interval)
+        feedback, controls = controls, controls | {swum_by: recorded(start.commands, env.control_interval)}
         known = {who: drive(env, start.state, control, len(start.commands)) for who, control in controls.items()}
         found = {}
         for quantity, measure in GOALS[task].items():
             better = min(known, key=lambda who: score(known[who], measure, start.wanted))
-            found[quantity] = [search(env, start, controls[better], measure, budget, seed + 1) for seed in range(seeds)]
+            control = (feedback if measure is measure_rewarded else controls)[better]
+            found[quantity] = [search(env, start, control, measure, budget, seed + 1) for seed in range(seeds)]
         for quantity, measure in GOALS[task].items():  # what one search finds may be the best for another quantity
             values = {who: score(swum, measure, start.wanted)[1] for who, swum in known.items()}
             everything = [*known.values(), *chain.from_iterable(found.values())]
