@@ -165,7 +165,7 @@ def bounds():
     yield f"its latency is {turn:.2f} times the best in Turn and {left:.2f} times in left after right"
 
 
-UNITS = {"latency": ", s", "latency, then settled": ", s", "escape distance": ", BL", "speed": ", BL/s"}
+UNITS = {"latency": ", s", "latency of the largest return": ", s", "escape distance": ", BL", "speed": ", BL/s"}
 
 
 def gait():

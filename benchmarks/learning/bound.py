@@ -24,14 +24,13 @@ from fish_env.control import FIRST_SEED, Controller, as_controller, load_policy,
 from fish_env.envs import FishState, FishVectorEnv
 from fish_env.tasks.fast_start import FastStartTask
 from fish_env.tasks.rewards import wrap_angle
-from fish_env.tasks.turns import COMPLETE, MEAN_TIME, SETTLED, CommandedTurns
+from fish_env.tasks.turns import COMPLETE, CommandedTurns
 
 COMMAND, CSV = "python -m benchmarks.learning.bound", "learning/bound.csv"
 POPULATION = 256  # fish that try commands, each its own
 HELD = 0.04  # s for which a change of the commands is held
 SPREAD, MOST = 0.5, 2.0  # of the changes of actions: standard deviation at first; bound, from one end to the other
 LONGEST = 2.0  # s after its command that a turn is followed
-WRONG = 5.0  # s that a radian beyond the tolerance costs in a search
 CRUISE, STEADY = 2.5, 1.5  # s that a fish swims before and after the start; at their end those that are measured
 HORIZON, PLANNED, AGAIN = 1.0, 0.4, 0.12  # s that a plan looks ahead, that it changes, and that are executed of it
 SHARE = 0.1  # of the budget, for each plan
@@ -72,19 +71,11 @@ def measure_latency(swum: Swum, wanted: float) -> Found:
     return steps * swum.interval, np.where(first > 0, steps * swum.interval, lacking)
 
 
-def measure_settled(swum: Swum, wanted: float) -> Found:
-    """The same for fish whose mean heading over the next beat is as near to the command as the task wants."""
-    (value, cost), last = measure_latency(swum, wanted), len(swum.turned) - 1
-    first = np.nan_to_num(np.ceil(value / swum.interval - 1e-9), nan=last).astype(int)
-    steps = first + np.arange(1, 1 + round(MEAN_TIME / swum.interval))[:, None]
-    error = swum.turned[np.minimum(steps, last), np.arange(first.size)].mean(axis=0) - wanted
-    beyond = np.where(steps[-1] <= last, np.maximum(np.abs(wrap_angle(error)) - SETTLED, 0.0), np.pi)
-    return np.where(beyond > 0.0, np.nan, value), cost + WRONG * beyond
-
-
 def measure_rewarded(swum: Swum, wanted: float) -> Found:
     """The latency of fish whose return is what a search looks for."""
-    return measure_latency(swum, wanted)[0], -swum.rewards[: round(RETURNS / swum.interval)].sum(axis=0)
+    rewards = swum.rewards[: round(RETURNS / swum.interval)]
+    cost = -rewards.sum(axis=0) if len(rewards) == round(RETURNS / swum.interval) else np.full(rewards.shape[1], np.nan)
+    return measure_latency(swum, wanted)[0], cost
 
 
 def measure_way(swum: Swum, wanted: float) -> Found:
@@ -100,11 +91,11 @@ def measure_speed(swum: Swum, wanted: float) -> Found:
 
 
 Measure = Callable[[Swum, float], Found]
-TURNS: dict[str, Measure] = {"latency": measure_latency, "latency, then settled": measure_settled}
 REWARDED = "latency of the largest return"
+TURNS: dict[str, Measure] = {"latency": measure_latency, REWARDED: measure_rewarded}
 GOALS: dict[str, dict[str, Measure]] = {
-    "turn": TURNS | {REWARDED: measure_rewarded},
-    "left_after_right": TURNS | {REWARDED: measure_rewarded},
+    "turn": TURNS,
+    "left_after_right": TURNS,
     "fast_start": {"escape distance": measure_way},
     "swim": {"speed": measure_speed},
 }
@@ -232,11 +223,10 @@ def search(env: FishVectorEnv, start: Start, control: Controller, measure: Measu
         return found.swim(found.best(budget, seed)[None])
     steps, interval = len(start.commands), env.control_interval
     swum = drive(env, start.state, control, steps)
-    if measure in TURNS.values():
+    if measure is measure_latency:
         latency = measure_latency(swum, start.wanted)[0][0]
-        after = 2 * MEAN_TIME if measure is measure_settled else 0.0
         if np.isfinite(latency):  # what comes later does not count
-            steps = min(steps, int(np.ceil((latency + after) / interval - 1e-9)))
+            steps = min(steps, int(np.ceil(latency / interval - 1e-9)))
     found = Search(env, start, recorded(swum.commands, interval), measure, steps, steps)
     return found.swim(found.best(budget, seed)[None])
 
