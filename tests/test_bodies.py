@@ -323,7 +323,7 @@ def test_motion_scales_with_length(method):
     assert np.abs(moved[0] - short.body.position / short.length).max() > 0.01
 
 
-@each_body
+@pytest.mark.parametrize("name", tiered(FOUR, ("mass_spring", "planar")))
 def test_mirrored_commands_mirror_the_path(name):
     """Left and right exchanged, a fish swims the mirror image of its path."""
     fish = fish_of(name)

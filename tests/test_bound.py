@@ -91,7 +91,7 @@ def test_what_is_found_is_better_and_repeated(scene):
     np.testing.assert_array_equal(better, better[0])
 
 
-@pytest.mark.parametrize("task", ["turn", "fast_start", "swim"])
+@pytest.mark.parametrize("task", ["turn", "fast_start", pytest.param("swim", marks=pytest.mark.slow)])
 def test_rows(task, monkeypatch):
     """A row for each quantity, the bound no worse than motor controllers and policy; the same again."""
     pytest.importorskip("cma")

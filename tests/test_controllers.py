@@ -172,6 +172,7 @@ def kept(tmp_path, monkeypatch):
     return tmp_path / "kept"
 
 
+@pytest.mark.slow
 def test_a_search_of_one_generation(tmp_path, monkeypatch, kept):
     """It writes what it found, near where it began, with its provenance; the package stays; found again, it is kept."""
     pytest.importorskip("cma")

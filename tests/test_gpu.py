@@ -203,6 +203,7 @@ def test_step_of_the_default_fish(cc):
 
 
 @needs_compiler
+@pytest.mark.slow
 def test_fewer_threads_than_fish():
     """A thread that moves several fish, one after another, leaves nothing of one in the next."""
     compared(fish=70, warps=1, steps=2)

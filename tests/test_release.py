@@ -99,7 +99,7 @@ def test_workflows():
             for step in job["steps"]:
                 if step.get("uses", "").startswith("actions/checkout@"):
                     assert step["with"]["persist-credentials"] is False
-    assert len(digests) == 5
+    assert len(digests) == 6
 
 
 def test_lowest_versions():

@@ -158,11 +158,15 @@ def bounds():
             cells.append(f"{np.divide(*np.sum(both, axis=0)):.2f} times{few}" if both else "-")
         apart = max(row["seeds_apart"] for row in mine)
         yield line(f"{names[task]}: {quantity}{UNITS[quantity]}", *cells, f"{apart:.3f}")
-    own = (
-        read_table("learning/bound.csv", task=task, quantity="latency", swum_by="policy") for task in list(names)[:2]
-    )
-    turn, left = (sum(row["policy"] for row in rows) / sum(row["bound"] for row in rows) for rows in own)
+    over = []
+    for task in list(names)[:2]:
+        own = select(rows, task=task, swum_by="policy")
+        found = {quantity: select(own, quantity=quantity) for quantity in UNITS}
+        best, rewarded = (sum(row["bound"] for row in found[quantity]) for quantity in list(UNITS)[:2])
+        over += [sum(row["policy"] for row in found["latency"]) / best, rewarded / best]
+    turn, turn_rewarded, left, left_rewarded = over
     yield f"its latency is {turn:.2f} times the best in Turn and {left:.2f} times in left after right"
+    yield f"The largest return takes {turn_rewarded:.2f} and {left_rewarded:.2f} times the best latency"
 
 
 UNITS = {"latency": ", s", "latency of the largest return": ", s", "escape distance": ", BL", "speed": ", BL/s"}

@@ -314,6 +314,7 @@ def test_training_everything_can_be_stopped_and_resumed(trained, tmp_path, monke
 
 
 @on_unix
+@pytest.mark.slow
 def test_all_runs_are_saved_by_a_signal(tmp_path):
     """`train.py all` hands a signal on: every run that is under way saves its model and ends."""
     process = begun("all", "--runs", "runs", "--tasks", "swim", "--jobs", "2", folder=tmp_path, files=2)

@@ -169,7 +169,7 @@ def test_tensions_balance(skin):
         tensions(skin._replace(edges=skin.edges[:3]))
 
 
-@pytest.mark.parametrize("level", [1, 2, 3])
+@pytest.mark.parametrize("level", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_correction_rounds_the_ball(level):
     """Of an outer layer alone, whose springs start unstretched, it makes gas a larger ball as round as before.
 
