@@ -206,8 +206,7 @@ def test_a_drag_moves_the_node_and_what_is_shown_is_drawn(visit):
     _, node = until(lambda: scene.dragged)
     height = scene.objects[0].position[node, 2]
     mouse.move(at[0], at[1] - 120, steps=6)
-    heights = [scene.objects[0].position[node, 2] for _ in range(5) if visitor.watch(1).size]
-    assert max(heights) > height + 0.05 * scene.length
+    until(lambda: visitor.watch(1).size and scene.objects[0].position[node, 2] > height + 0.05 * scene.length)
     mouse.up()
     until(lambda: scene.dragged is None)
     visitor.session.paused = True
