@@ -15,15 +15,15 @@ FIRST = re.compile(r"^## (?P<head>[^\n]*)\n(?P<text>.*?)(?=^## |\Z)", re.MULTILI
 
 
 def value(root: Path, name: str, pattern: str) -> str:
-    """The value in a line of a file; the program ends if there is none."""
+    """The value in a line of a file, or "missing"."""
     found = re.search(pattern, (root / name).read_text(encoding="utf-8"), re.MULTILINE)
-    return found[1] if found else sys.exit(f"{name} has no line {pattern}")
+    return found[1] if found else "missing"
 
 
 def section(root: Path) -> tuple[str, str]:
-    """Heading and text of the first section of the changelog; both are empty if there is none."""
+    """Heading and text of the first section of the changelog; "missing" and no text without one."""
     found = FIRST.search((root / "CHANGELOG.md").read_text(encoding="utf-8"))
-    return (found["head"], found["text"].strip() + "\n") if found else ("", "")
+    return (found["head"], found["text"].strip() + "\n") if found else ("missing", "")
 
 
 def problems(tag: str, root: Path = ROOT) -> list[str]:

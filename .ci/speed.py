@@ -20,7 +20,8 @@ if __name__ == "__main__":
     about = {key: text for key, text in provenance("python .ci/speed.py").items() if key != TRAJECTORIES}
     us, ratios = ({name: round(each / by, 4) for name, each in times.items()} for by in (1.0, alone))
     drawn = [{"name": name, "unit": "of a fish alone", "value": each} for name, each in list(ratios.items())[1:]]
-    target, coverage = Path(sys.argv[1]), Path("coverage.json")
+    target = Path(sys.argv[1])
+    coverage = target.with_name("coverage.json")
     if coverage.exists():
         reached = json.loads(coverage.read_text("utf-8"))["totals"]["percent_covered"]
         drawn.append({"name": "lines that no test reaches", "unit": "%", "value": round(100.0 - reached, 2)})

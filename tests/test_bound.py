@@ -91,6 +91,21 @@ def test_what_is_found_is_better_and_repeated(scene):
     np.testing.assert_array_equal(better, better[0])
 
 
+@pytest.mark.parametrize("task", TURNS)
+def test_the_largest_return(task):
+    """The search changes the first commands only, and earns more than the controller that goes on after them."""
+    pytest.importorskip("cma")
+    few, env = (FishVectorEnv(count, task=task, threads=1) for count in (1, FISH))
+    (start,) = find_starts(few, scripted(few))
+    control = scripted(env)
+    swum = bound.search(env, start, control, measure_rewarded, 4, 1)
+    alone = bound.drive(env, start.state, control, len(swum.commands))
+    own, found = (measure_rewarded(each, start.wanted)[1][0] for each in (alone, swum))
+    assert np.isfinite(own) and found < own
+    assert len(swum.commands) == 60 and np.any(swum.commands[:20] != alone.commands[:20], axis=1).any()
+    assert own == -alone.rewards[:, 0].sum()
+
+
 @pytest.mark.parametrize("task", ["turn", "fast_start", pytest.param("swim", marks=pytest.mark.slow)])
 def test_rows(task, monkeypatch):
     """A row for each quantity, the bound no worse than motor controllers and policy; the same again."""

@@ -139,9 +139,9 @@ def test_custom_body(tmp_path):
 
 def test_plan_random_shooting(tmp_path):
     """The planner is faster than the gait in every episode."""
-    said = run_here(tmp_path, EXAMPLES / "plan_random_shooting.py", "--episodes", 1)
+    said = run_here(tmp_path, EXAMPLES / "plan_random_shooting.py", "--episodes", 2)
     found = re.findall(r"gait (\S+), planned (\S+) body lengths", said)
-    assert len(found) == 1 and all(1.8 < float(gait) < float(planned) < 7.0 for gait, planned in found)
+    assert len(found) == 2 and all(1.8 < float(gait) < float(planned) < 7.0 for gait, planned in found)
 
 
 def test_plan_ilqr(tmp_path):

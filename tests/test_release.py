@@ -68,6 +68,11 @@ def test_placeholder_stands_once():
         ("fish_env/__init__.py", '__version__ = "0.1.0"', '__version__ = "0.2.0"', "__init__.py is 0.2.0"),
         ("CITATION.cff", "\nversion: 0.1.0", "\nversion: 0.2.0", "CITATION.cff is 0.2.0"),
         ("CITATION.cff", "date-released: 20", "date-released: 21", "CHANGELOG.md is '0.1.0, 20"),
+        ("pyproject.toml", "\nrepository = ", "\nhome = ", "missing in pyproject.toml is no address"),
+        ("pyproject.toml", "\nversion = ", "\nnumber = ", "the version in pyproject.toml missing"),
+        ("CITATION.cff", "\nversion: ", "\nnumber: ", "CITATION.cff is missing"),
+        ("CITATION.cff", "\ndate-released: ", "\nday: ", "would be '0.1.0, missing'"),
+        ("CHANGELOG.md", "\n## 0.1.0", "\n# 0.1.0", "CHANGELOG.md is 'missing'"),
     ],
 )
 def test_check_refuses(ready, capsys, name, before, after, said):

@@ -166,7 +166,7 @@ def bounds():
         over += [sum(row["policy"] for row in found["latency"]) / best, rewarded / best]
     turn, turn_rewarded, left, left_rewarded = over
     yield f"its latency is {turn:.2f} times the best in Turn and {left:.2f} times in left after right"
-    yield f"The largest return takes {turn_rewarded:.2f} and {left_rewarded:.2f} times the best latency"
+    yield f"the largest return takes {turn_rewarded:.2f} and {left_rewarded:.2f} times the best latency"
 
 
 UNITS = {"latency": ", s", "latency of the largest return": ", s", "escape distance": ", BL", "speed": ", BL/s"}

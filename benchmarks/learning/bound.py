@@ -73,9 +73,9 @@ def measure_latency(swum: Swum, wanted: float) -> Found:
 
 def measure_rewarded(swum: Swum, wanted: float) -> Found:
     """The latency of fish whose return is what a search looks for."""
-    rewards = swum.rewards[: round(RETURNS / swum.interval)]
-    cost = -rewards.sum(axis=0) if len(rewards) == round(RETURNS / swum.interval) else np.full(rewards.shape[1], np.nan)
-    return measure_latency(swum, wanted)[0], cost
+    steps = round(RETURNS / swum.interval)
+    total = swum.rewards[:steps].sum(axis=0)
+    return measure_latency(swum, wanted)[0], -total if len(swum.rewards) >= steps else np.full(total.shape, np.nan)
 
 
 def measure_way(swum: Swum, wanted: float) -> Found:
