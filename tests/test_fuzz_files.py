@@ -259,6 +259,12 @@ def wholes(recorded):
     return {"policy": policy, "recording": parts | arrays_of(recorded)}
 
 
+@pytest.fixture(autouse=True)
+def quiet(monkeypatch):
+    """No word of the compiler among the errors of files."""
+    monkeypatch.setenv("FISH_ENV_QUIET", "1")
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @examples(10)
 @given(data=st.data())
