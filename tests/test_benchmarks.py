@@ -239,7 +239,7 @@ def test_interquartile_mean():
 def test_publishing_fills_in_page_and_files(quick, trained, monkeypatch):
     """Publishing writes seeds, methods and curves, ships the median seed, and fills in the table of the page."""
     monkeypatch.setattr(publish, "PRETRAINED", quick / "pretrained")
-    monkeypatch.setattr(publish, "SEEDS", 2)
+    monkeypatch.setitem(publish.SEEDS, "swim", 2)
     page, readme = quick / "results.md", quick / "README.md"
     monkeypatch.setattr(publish, "PAGE", page)
     monkeypatch.setattr(publish, "README", readme)

@@ -141,7 +141,7 @@ def publish(root: Path, tasks=None) -> None:
     for folder in (PRETRAINED, RESULTS, IMAGES, PAGE.parent, README.parent):
         writable_folder(folder)
     for task in CONFIGS if tasks is None else tasks:
-        seeds = [root / task / f"seed_{seed}" for seed in range(SEEDS)]
+        seeds = [root / task / f"seed_{seed}" for seed in range(SEEDS[task])]
         runs = [run for run in seeds if (run / "results.json").exists()]
         if not runs:
             raise FileNotFoundError(
