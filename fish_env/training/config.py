@@ -100,7 +100,7 @@ CONFIGS: dict[str, TrainConfig] = {
     "left_after_right": TrainConfig("FishEnv/LeftAfterRight-v0", {}, DENSER | {"alignment_weight": 10.0}, **TURNS),
     "target": TrainConfig("FishEnv/Target-v0", {}, {"patience": 3.0}, timesteps=6_000_000),
     "target_3d": TrainConfig("FishEnv/Target3D-v0", {}, {"patience": 3.0}, timesteps=8_000_000),
-    "avoid": TrainConfig("FishEnv/Avoid-v0", timesteps=3_500_000),
+    "avoid": TrainConfig("FishEnv/Avoid-v0", {}, {"alignment_weight": 5.0}, timesteps=6_000_000),
     "fast_start": TrainConfig("FishEnv/FastStart-v0", timesteps=6_000_000, horizon=2.0),
 }
 """A task of the package, or one of its forms, by its name in the command line."""
