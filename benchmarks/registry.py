@@ -163,7 +163,7 @@ REGISTRY = {result.name: result for result in (
     ),
     published(
         "learning.all", "every task trained with all its seeds; reuses finished runs, replaces the shipped policies",
-        80, "learning/seeds.csv", "learning/methods.csv", "learning/curves.csv", "docs/images/curves.svg",
+        120, "learning/seeds.csv", "learning/methods.csv", "learning/curves.csv", "docs/images/curves.svg",
         command="train.py all", by_name=True, follows=TRAINED,
     ),
     published(
