@@ -186,7 +186,8 @@ REGISTRY = {result.name: result for result in (
     ),
     published(
         "learning.bound", "what optimal control reaches in turns, fast starts and swimming, beside shipped policies",
-        40, "learning/bound.csv", follows=TRAINED,
+        40, "learning/bound.csv",
+        follows=(*EVERY_TASK, "policy fast_start", "policy left_after_right", "policy swim", "policy turn"),
     ),
     published(
         "learning.reversal", "one turn begun before another is over: path, heading, strain",
