@@ -10,7 +10,7 @@ import pytest
 from fish_env.control.policy import load_policy
 from fish_env.lab.objects import MOTIONS, SCALE, SETTINGS, Entry, ObjectScene, signed_volume
 from fish_env.lab.session import SCENES, Session
-from fish_env.lab.swimmers import DRIVERS, GAIT, SWERVE, TURN, YOU, SwimmerScene, UserScene
+from fish_env.lab.swimmers import BETWEEN, DRIVERS, GAIT, SWERVE, TURN, YOU, SwimmerScene, UserScene
 from fish_env.soft.distorted import DISTORTIONS
 from fish_env.soft.volume import volume_of
 
@@ -307,7 +307,7 @@ def test_abrupt_turns_and_fast_starts():
     """Left after right is commanded before the first turn is complete; a fish at rest is soon two lengths away."""
     school = swum()
     school.left_after_right()
-    school.advance(0.2)
+    school.advance(BETWEEN)
     assert school.commanded[0] == pytest.approx(-SWERVE) and school.facing[0] > -SWERVE
     expected = pytest.approx(school.facing[0] + SWERVE, abs=0.3)
     school.advance(0.05)

@@ -292,6 +292,7 @@ def test_training_everything_can_be_stopped_and_resumed(trained, tmp_path, monke
     monkeypatch.setattr(train_all, "POLL", 0.01)
     monkeypatch.setattr(train_all.Job, "start", start)
     monkeypatch.setattr(train_all, "CONFIGS", {"swim": replace(CONFIGS["swim"], **SHORT)})
+    monkeypatch.setitem(train_all.SEEDS, "swim", 3)
     for seed in range(2):
         shutil.copytree(trained, tmp_path / f"swim/seed_{seed}")
     (tmp_path / "swim/seed_0/results.json").write_text("{}")

@@ -32,7 +32,7 @@ from fish_env.tasks.turns import MEAN_TIME, CommandedTurns
 MOST_FISH = 64
 FEW = 4  # fish up to which skins are fine
 TURN = np.pi / 6  # one press of an arrow key
-SWERVE, BETWEEN = np.pi / 3, 0.2  # left after right: each of the two turns, and s between their commands
+SWERVE, BETWEEN = np.pi / 3, 0.12  # left after right: each of the two turns, and s between their commands
 AWAY = np.pi / 2  # the commanded turn of a fast start
 APART = 1.4  # body lengths, between fish that are shown side by side
 PATIENCE = 60.0  # s, after which a target that is not reached is replaced
