@@ -16,7 +16,7 @@ from fish_env.physics.integrators import INTEGRATORS, Integrator
 from fish_env.physics.integrity import check_objects
 from fish_env.physics.records import Body, World
 
-TESTED = 1.34  # of a fish's own step in water with inertia: the longest at which no tested fish fails, unrefined
+TESTED = 12 / 11  # of a fish's own step in water with inertia: the longest at which no tested fish fails, unrefined
 REFINED = ("leapfrog_chebyshev",)  # methods that check the rate of change of their springs
 MOST_STEPS = 2**53  # per call: a float64 clock cannot count more
 SHORTEST = 1e-12  # s: a shorter step is lost in the rounding of an episode's clock

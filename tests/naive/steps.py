@@ -169,11 +169,14 @@ def accurate(body, world, rest, t, h, x, v):
 
 
 def face_mobility(body, duration, corners, share):
-    """Velocity that a face gains from a force of 1 N while half the faces around each corner feel the same."""
-    gained = 0.0
-    for node, part in zip(corners, share, strict=True):
-        carried = sum(parts @ (other == node) for other, parts in zip(body.faces.nodes, body.faces.share, strict=True))
-        gained += 0.5 * duration * part * carried * body.inverse_mass[node].max()
+    """Velocity that a face gains from a force of 1 N while the faces around have the same, as far as they face so."""
+    rest, gained = body.position, 0.0
+    own = area_vector(rest[corners])
+    for other, parts in zip(body.faces.nodes, body.faces.share, strict=True):
+        area = area_vector(rest[other])
+        alike = max(0.0, own @ area / np.linalg.norm(own) / np.linalg.norm(area))
+        for node, part in zip(corners, share, strict=True):
+            gained += alike * duration * part * (parts @ (other == node)) * body.inverse_mass[node].max()
     return gained
 
 

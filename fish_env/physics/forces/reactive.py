@@ -23,7 +23,8 @@ from fish_env.physics.records import Body, World
 
 ANYWHERE = IN_WATER = True
 TURNING = 0.3  # strain whose steps are as inaccurate as those of a turn of 1 rad
-ROUNDS = 1  # of the iteration for the velocities at the middle of a kick
+FOLLOWING = 2.0  # change of the sections' velocities in half a kick over what the change of their own forces gives
+SHEDDING, PULLING = 0.8, 0.6  # parts of the tail's mobility across and along it that springs leave to the wake
 SHORT = 0.5  # of their length at rest: tangent and lateral direction of a section fade where they are shorter
 TINY = 1e-30  # m2/s2, so that a tail at rest divides by no zero
 
@@ -42,12 +43,12 @@ def make_cache(body: Body, world: World, kind) -> Pack:
     give = np.add.reduceat(share[:, None] * carry, first[:-1])
     turn = body.inverse_mass[edges].sum(axis=0, keepdims=True)
     rise = body.position[upper].sum(axis=0) - body.position[lower].sum(axis=0) + [0.0, 0.0, body.sections.height]
-    vectors = ("middle", "speed", "t", "n", "b", "td", "nd", "bd", "force", "later", "speed_ahead")
+    vectors = ("middle", "speed", "t", "n", "b", "td", "nd", "bd", "force", "later")
     numbers = ("per_length", "per_rise", "kept_t", "kept_n", "nn", "nb", "bn", "bb", "m", "q")
     return Pack(
         "reactive", carry=kind.rows(carry), give=kind.rows(give), turn=kind.rows(turn), advance=kind.numbers(1),
         short=float(SHORT**2 * (rise @ rise)),
-        **{name: kind.vectors(1) for name in ("rise", "climb", "twist", "bend", "climb_ahead", "wake")},
+        **{name: kind.vectors(1) for name in ("rise", "climb", "twist", "bend", "wake")},
         **{name: kind.vectors(count) for name in vectors}, **{name: kind.numbers(count) for name in numbers},
     )  # fmt: skip
 
@@ -302,22 +303,19 @@ def add_force_cached(body, world, control, x, v, f, cache):
 @kernel
 def add_change(body, world, control, x, v, f, cache):
     """Add the change of the force when the velocities become v, half a step later, at the stored frames."""
-    # The change itself changes those velocities: the sections account for that by ROUNDS iterations, and the shedding
-    # is implicit, as if it were the only force on the tail. It pulls the tail along the body the more, the faster the
+    # The change itself changes those velocities: the sections account for that by one iteration, and the shedding is
+    # implicit, as if it were the only force on the tail. It pulls the tail along the body the more, the faster the
     # tail moves that way, and no filter slows that: the change of this velocity is divided as that of a force on a
-    # light tail.
+    # light tail. FOLLOWING, SHEDDING and PULLING stand for what other forces add; errors are smallest with them.
     half = 0.5 * control.plans[control.row[0], H]
     set_speeds(body, world, control, v, cache)
     push(body, world, control, cache, cache.later, cache.bend)
-    cache.climb_ahead[0] = cache.climb[0]
     for k in range(cache.n.size):
-        cache.speed_ahead[k] = cache.speed[k]
-    for _ in range(ROUNDS):
-        for k in range(cache.n.size):
-            cache.speed[k] = fma(half, accelerated(cache, k, cache.later[k] - cache.force[k]), cache.speed_ahead[k])
-        cache.climb[0] = fma(half, cache.turn[0] * (cache.bend[0] - cache.twist[0]), cache.climb_ahead[0])
-        set_rates(body, cache)
-        push(body, world, control, cache, cache.later, cache.bend)
+        change = accelerated(cache, k, cache.later[k] - cache.force[k])
+        cache.speed[k] = fma(FOLLOWING * half, change, cache.speed[k])
+    cache.climb[0] = fma(half, cache.turn[0] * (cache.bend[0] - cache.twist[0]), cache.climb[0])
+    set_rates(body, cache)
+    push(body, world, control, cache, cache.later, cache.bend)
     for k in range(cache.n.size):
         cache.later[k] = cache.later[k] - cache.force[k]
     cache.bend[0] = cache.bend[0] - cache.twist[0]
@@ -326,10 +324,10 @@ def add_change(body, world, control, x, v, f, cache):
     edge = (control.lightness[0] * world.added_mass[0]) * body.sections.trailing
     change = dot(speed, t) - cache.advance[0]
     taker = last - INDEX(body.sections.fin)  # the section on which `scatter_wake` puts this part
-    kept = change / fma(half * edge * dot(t, cache.give[taker] * t), sqrt(dot(speed, speed)), 1.0)  # (26)
+    kept = change / fma(PULLING * half * edge * dot(t, cache.give[taker] * t), sqrt(dot(speed, speed)), 1.0)  # (26)
     cache.speed[last] = fma(kept - change, t, speed)
     wake, slope = shed(body, world, control, cache)
-    scatter_wake(body, cache, (1.0 / fma(half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (25)
+    scatter_wake(body, cache, (1.0 / fma(SHEDDING * half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f)  # (25)
     scatter_all(body, cache.later, cache.bend, f)
 
 

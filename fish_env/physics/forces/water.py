@@ -18,6 +18,8 @@ from fish_env.physics.forces.plan import INNER, H
 from fish_env.physics.records import Body, World
 
 ANYWHERE = IN_WATER = True
+WEAK, STRONG = 1.3, 2.6  # in water with inertia: part of a face's mobility that counts where drag is weak, and strong
+TINY = 1e-30  # m2/s2, so that a face at rest divides by no zero
 
 
 def present(body: Body, world: World) -> bool:
@@ -28,7 +30,7 @@ def present(body: Body, world: World) -> bool:
 def make_cache(body: Body, world: World, kind) -> Pack:
     """Data of `add_change`: each face's normal, area, push, friction and mobility (F,). Coefficient of friction."""
     # `loaded` is the mobility with the water that moves sideways with the face. `carried` is the mass of the water that
-    # moves with it along its normal, over its own; that water takes all faces around along, so both `halves` count.
+    # moves with it along its normal, over its own; that water takes the faces around along.
     count, friction = len(body.faces.nodes), world.friction / math.sqrt(length(body))
     inverse, (sideways, upward) = body.inverse_mass.max(axis=1), water_over_own(body, world)
     own, loaded = mobility(body, inverse), mobility(body, inverse / (1.0 + sideways))
@@ -38,7 +40,8 @@ def make_cache(body: Body, world: World, kind) -> Pack:
     return Pack(
         "water", normal=kind.vectors(count), size=kind.numbers(count), push=kind.numbers(count),
         pull=kind.vectors(count if friction else 0), mobility=kind.scalars(own), loaded=kind.scalars(loaded),
-        carried=kind.scalars(carried), halves=1.0 if world.added_mass is None else 2.0, friction=friction,
+        carried=kind.scalars(carried), friction=friction, weak=1.0 if world.added_mass is None else WEAK,
+        strong=1.0 if world.added_mass is None else STRONG,
     )  # fmt: skip
 
 
@@ -67,12 +70,18 @@ def water_over_own(body: Body, world: World) -> np.ndarray:
 
 
 def mobility(body: Body, inverse: np.ndarray) -> np.ndarray:
-    """Velocity (F,) m/s that a face gains in 1 s from a force of 1 N, if half the faces around have the same force."""
-    # Half, because about half of a swimming fish's faces move outward. `inverse` (N,) is one over the nodes' masses.
-    faces = body.faces
-    carried = np.zeros(len(body.mass))
-    np.add.at(carried, faces.nodes, faces.share)
-    return 0.5 * (faces.share * (carried * inverse)[faces.nodes]).sum(axis=1)
+    """Velocity (F,) m/s that a face gains in 1 s from 1 N, if the faces around have the same, as far as they face so.
+
+    `inverse` (N,) is one over the nodes' masses.
+    """
+    n, nodes, share = normals(body), body.faces.nodes.ravel(), body.faces.share.ravel()
+    face, order = np.repeat(np.arange(len(n)), 4), np.argsort(nodes, kind="stable")
+    first, count, gained = np.searchsorted(nodes[order], nodes), np.bincount(nodes)[nodes], np.zeros(nodes.size)
+    for k in range(count.max()):  # the k-th corner of a face at each node
+        other = order[np.minimum(first + k, nodes.size - 1)]
+        alike = np.clip((n[face] * n[face[other]]).sum(axis=1), 0.0, None)
+        gained += np.where(k < count, alike * share[other], 0.0)
+    return np.bincount(face, share * inverse[nodes] * gained, len(n))
 
 
 @kernel
@@ -204,20 +213,23 @@ def add_change(body, world, control, x, v, f, cache):
     """Add the change of the force when the velocities become v, half a step later, at the stored positions."""
     # Each face's drag is implicit, as if it were the only force on the face. Friction, which is small, is explicit. The
     # water that moves with a section does not slow its nodes against each other: where drag is strong, less of it
-    # counts.
+    # counts, and more of the mobility.
     linear, quadratic, friction, current = laws(world, control, cache)
     h = control.plans[control.row[0], H]
-    part = cache.halves * (0.5 * h)
+    half = 0.5 * h
     for k in range(cache.size.size):
         n, size, push, w = cache.normal[k], cache.size[k], cache.push[k], velocity(body, current, v, k)
         area, outward = body.faces.drag[k] * size, dot(n, w)
         square = square_of(world.oblique, outward, w)
-        speed = sqrt(square)
+        speed = sqrt(square + TINY)
         change = -(fma(quadratic, speed, linear) * outward * area) - push
         slope = fma(quadratic, fma(outward, outward, square), linear * speed)  # times the speed
-        slowed = (part * cache.mobility[k]) * area * slope
-        weighed = fma(control.lightness[0] * cache.carried[k] * speed, speed / fma(0.5, slowed, speed), speed)
-        ahead = change * (weighed / (slowed + weighed))  # (24)
+        rate = (half * cache.mobility[k]) * area * slope / speed
+        many = fma(rate, rate, 1.0)
+        slowed = rate * fma(cache.strong * rate, rate, cache.weak)  # times `many`, as the next two are
+        both = fma(0.5, slowed, many)
+        kept = many * fma(control.lightness[0] * cache.carried[k], many, both)
+        ahead = change * (kept / fma(slowed, both, kept))  # (24)
         g = select(outward > 0.0, ahead, -push) * n
         if cache.friction > 0.0:
             rough = limited(resistance(world, friction, n, w, size), h, cache.mobility[k])
