@@ -119,7 +119,9 @@ def test_environments(groups):
     single, batch = (env.unwrapped.linearise(a) for env, a in ((one, action), (many, np.tile(action, (3, 1)))))
     assert all(np.array_equal(a, b[1]) for a, b in zip(single, batch, strict=True))
     tank = one.unwrapped.tank
-    muscles = tank.linearise(0.5 * (action[one.unwrapped.fish.groups] + 1.0)[None], tank.steps_per_interval)
+    muscles = tank.linearise(
+        0.5 * (action[one.unwrapped.fish.groups] + 1.0)[None], round(tank.fish.control_interval / tank.dt)
+    )
     assert np.array_equal(muscles.state[0], single.state)
     np.testing.assert_allclose(single.command.sum(axis=1), 0.5 * muscles.command[0].sum(axis=1), atol=1e-12)
     action[0] = 1.5
