@@ -106,14 +106,6 @@ class FastStartTask(CommandedTurns):
             self.snout[i, 0] = math.atan2(ahead[1], ahead[0])
             self.velocity[i, 0] = body.mass @ tank.velocity[i] / body.mass.sum()
 
-    def draw_turns(self, i, generator, options):
-        """Draw one turn, commanded by time."""
-        angle, side = generator.uniform(*self.angle), generator.choice([-1.0, 1.0])
-        wait = generator.uniform(*self.wait)
-        self.course.count[i] = 1
-        self.course.angle[i, 0] = options.get("turn", side * angle)
-        self.course.wait[i, 0] = options.get("wait", wait)
-
     def metrics(self, tank: Tank, i, seconds):
         """Angles, distance, speed and acceleration of the start, and how far it got; angles in degrees.
 

@@ -29,11 +29,3 @@ class TurnTask(CommandedTurns):
         super().__init__(**weights)
         self.angle = ANGLE.checked_range("angle", angle)
         self.wait = WAIT.checked_range("wait", wait)
-
-    def draw_turns(self, i, generator, options):
-        """Draw one turn, commanded by time."""
-        angle, side = generator.uniform(*self.angle), generator.choice([-1.0, 1.0])
-        wait = generator.uniform(*self.wait)
-        self.course.count[i] = 1
-        self.course.angle[i, 0] = options.get("turn", side * angle)
-        self.course.wait[i, 0] = options.get("wait", wait)

@@ -4,7 +4,6 @@ Legend: b fish; k turn or axis; angles positive to the left.
 """
 
 import math
-from abc import ABC, abstractmethod
 from typing import NamedTuple
 
 import numpy as np
@@ -186,13 +185,15 @@ def write_terms(tank, pose, task, b, terms):
     task.heading[b] = vec3(math.cos(angle), math.sin(angle), 0.0)
 
 
-class CommandedTurns(CompiledTask, ABC):
+class CommandedTurns(CompiledTask):
     """Swim along a commanded heading that changes: the part that tasks with commanded turns share.
 
-    A task says in `draw_turns` which turns it commands.
+    A task says in `draw_turns` which turns it commands: one of a random `angle`, after a `wait`, or its own.
     """
 
     most_turns = 1
+    angle: tuple[float, float]  # rad, and s before the command: from which the one turn is drawn
+    wait: tuple[float, float]
     weights = {
         "alignment_weight": ALIGNMENT_WEIGHT,
         "effort_weight": rewards.EFFORT_WEIGHT,
@@ -248,9 +249,13 @@ class CommandedTurns(CompiledTask, ABC):
         self.draw_turns(i, generator, options)
         self._heading[i] = heading_vector(yaw)
 
-    @abstractmethod
     def draw_turns(self, i, generator, options) -> None:
-        """Set the course of fish i: count, angle, wait and part."""
+        """Set the course of fish i: count, angle, wait and part. Here one turn, commanded by time."""
+        angle, side = generator.uniform(*self.angle), generator.choice([-1.0, 1.0])
+        wait = generator.uniform(*self.wait)
+        self.course.count[i] = 1
+        self.course.angle[i, 0] = options.get("turn", side * angle)
+        self.course.wait[i, 0] = options.get("wait", wait)
 
     def metrics(self, tank: Tank, i, seconds):
         """Metrics of the last commanded turn; angles in degrees, lengths in body lengths."""

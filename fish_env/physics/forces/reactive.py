@@ -327,9 +327,8 @@ def add_change(body, world, control, x, v, f, cache):
     kept = change / fma(PULLING * half * edge * dot(t, cache.give[taker] * t), sqrt(dot(speed, speed)), 1.0)  # (26)
     cache.speed[last] = fma(kept - change, t, speed)
     wake, slope = shed(body, world, control, cache)
-    scatter_wake(
-        body, cache, (1.0 / fma(SHEDDING * half * slope, yielding(cache), 1.0)) * (wake - cache.wake[0]), f
-    )  # (25)
+    given = 1.0 / fma(SHEDDING * half * slope, yielding(cache), 1.0)
+    scatter_wake(body, cache, given * (wake - cache.wake[0]), f)  # (25)
     scatter_all(body, cache.later, cache.bend, f)
 
 
