@@ -551,7 +551,7 @@ def test_held_out(monkeypatch):
 def test_accuracy_beside_the_published_one(monkeypatch, seed, steps):
     """No step more a control interval makes the default method a tenth less accurate.
 
-    Means over 64 scenes of other seeds scatter by a tenth: none is a quarter less accurate.
+    Scenes of other seeds have a mean error of at most 0.31 %.
     """
     monkeypatch.setattr(chart, "SEED", seed)
     monkeypatch.setattr(chart, "REPEATS", 1)
@@ -563,4 +563,5 @@ def test_accuracy_beside_the_published_one(monkeypatch, seed, steps):
         row, _ = chart.measure(scenes, truth, (FISH.integrator, k, np.inf), 64)
         assert row["failed"] == 0
         found.append(row["geometric_mean"])
-        assert found[-1] < 1.1 * min(found[-2:]) and (k not in known or found[-1] < 1.25 * known[k]), k
+        most = 1.1 * known.get(k, np.inf) if len(steps) > 1 else 0.0031  # the published scenes; others
+        assert found[-1] < min(most, 1.1 * min(found[-2:])), k

@@ -87,9 +87,9 @@ class Swim(Glide):
         assert self.tank.alive.all(), self.tank.failure
 
 
-def costs(make: Callable[[], list[Glide]], rounds: int = ROUNDS, sets: int = SETS) -> list[Cost]:
+def costs(make: Callable[[], list], rounds: int = ROUNDS, sets: int = SETS, most: int = 200) -> list[Cost]:
     """Cost of an interval, or a step, and fish of each, and its ratio to the first's: medians over what is made."""
-    found = [timed(make(), rounds) for _ in range(sets)]
+    found = [timed(make(), rounds, most) for _ in range(sets)]
     return [Cost(*np.median([tuple(cost) for cost in same], axis=0)) for same in zip(*found, strict=True)]
 
 

@@ -113,6 +113,7 @@ SENSED = {
     "action_delay": (0, 1), "history": 1,
 }  # fmt: skip
 INSTRUMENTS = SENSED | {"observation": "sensors", "observation_noise": {"angular velocity": 0.1, "vertical": 0.01}}
+KINDS = {"nodes": {}, "noise, delays and a history": SENSED, "the same, with sensors": INSTRUMENTS}
 SMALL = {"render_mode": "rgb_array", "width": 84, "height": 84, "panel": False}
 
 
@@ -135,16 +136,20 @@ class Steps:
                 self.env.render()
 
 
+def kinds_of_steps(count: int) -> list[Steps]:
+    """Steps of a new environment of each kind."""
+    return [Steps(FishVectorEnv(count, task="swim", threads=1, **kind)) for kind in KINDS.values()]
+
+
 def options() -> list[tuple[str, float]]:
     """What noise, delays, a history and sensors add to an environment step; times of states and of small pictures."""
     found = []
     for count in (1, MANY):
-        kinds = {"nodes": {}, "noise, delays and a history": SENSED, "the same, with sensors": INSTRUMENTS}
-        envs = [FishVectorEnv(count, task="swim", threads=1, **kind) for kind in kinds.values()]
-        _, *costs = timed([Steps(env) for env in envs], 4 * ROUNDS, 1000)
-        for name, cost in zip(list(kinds)[1:], costs, strict=True):
+        _, *added = costs(partial(kinds_of_steps, count), 4 * ROUNDS, most=1000)
+        for name, cost in zip(list(KINDS)[1:], added, strict=True):
             found.append((f"an environment step of {count} fish, {name}, over one of nodes", cost.ratio[1]))
-        env, often = envs[0], max(1, 500 // count)
+        env, often = FishVectorEnv(count, task="swim", threads=1), max(1, 500 // count)
+        env.reset(seed=0)
         for name, work in (("get_state", env.get_state), ("set_state", partial(env.set_state, env.get_state()))):
             (cost,) = interleaved([(lambda: None, partial(repeat, work, often), often * count)], 4 * ROUNDS)
             found.append((f"{name} of {count} fish, us a fish", cost.time[1]))

@@ -311,8 +311,8 @@ def add_change(body, world, control, x, v, f, cache):
     set_speeds(body, world, control, v, cache)
     push(body, world, control, cache, cache.later, cache.bend)
     for k in range(cache.n.size):
-        change = accelerated(cache, k, cache.later[k] - cache.force[k])
-        cache.speed[k] = fma(FOLLOWING * half, change, cache.speed[k])
+        gained = accelerated(cache, k, cache.later[k] - cache.force[k])
+        cache.speed[k] = fma(FOLLOWING * half, gained, cache.speed[k])
     cache.climb[0] = fma(half, cache.turn[0] * (cache.bend[0] - cache.twist[0]), cache.climb[0])
     set_rates(body, cache)
     push(body, world, control, cache, cache.later, cache.bend)
