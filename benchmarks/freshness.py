@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.common.reference import changed, from_text
-from benchmarks.common.tables import ROOT, TRAJECTORIES
+from benchmarks.common.tables import ROOT, TRAJECTORIES, head_of
 
 CURRENT, STALE, UNKNOWN, MISSING, NO_TABLE = "current", "stale", "cannot be told", "missing", "no table"
 
@@ -31,10 +31,7 @@ def header_of(path: Path) -> dict[str, str]:
         found = json.loads(path.read_text("utf-8"))
         parts = [part for part in (found, *found.values()) if isinstance(part, dict)]  # of levels of water
         return next((part["provenance"] for part in parts if "provenance" in part), {})
-    if path.suffix != ".csv":
-        return {}
-    lines = (line[2:] for line in path.read_text("utf-8").splitlines() if line.startswith("# "))
-    return dict(line.split(": ", 1) for line in lines if ": " in line)
+    return head_of(path) if path.suffix == ".csv" else {}
 
 
 def status_of(outputs: Iterable[str], follows: Iterable[str], root: Path = ROOT) -> Status:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 RESULTS = "benchmarks/results/"
 DEFAULT, EVERY_BODY, EVERY_TASK = ("body mass_spring",), ("body *",), ("body mass_spring", "task *")
 FINEST_BODY = ("body tetrahedral",)
-TRAINED = (*EVERY_TASK, "policy *")
+TRAINED = ("task *", "policy *")
+COMPARED = tuple(f"{what} {task}" for what in ("task", "policy") for task in ("swim", "turn", "left_after_right", "fast_start"))
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,7 @@ REGISTRY = {result.name: result for result in (
     published(
         "learning.learners", "learners by the protocol of fish_env benchmark; trains 180 policies, keeps finished ones",
         240, "learning/learners.csv", "learning/learner_curves.csv", "docs/images/learners.svg", by_name=True,
-        follows=TRAINED,
+        follows=COMPARED,
     ),
     published(
         "learning.weights", "Swim with other weights of effort and of a swaying head; trains 8 policies",
@@ -187,10 +188,10 @@ REGISTRY = {result.name: result for result in (
     published(
         "learning.bound", "what optimal control reaches in turns, fast starts and swimming, beside shipped policies",
         40, "learning/bound.csv",
-        follows=(*EVERY_TASK, "policy fast_start", "policy left_after_right", "policy swim", "policy turn"),
+        follows=COMPARED,
     ),
     published(
-        "learning.reversal", "one turn begun before another is over: path, heading, strain",
-        0.5, "reversal.csv", "docs/images/reversal.svg", follows=TRAINED,
+        "learning.reversal", "one turn begun before another is over: path, heading, strain; success where it is severe",
+        3, "reversal.csv", "learning/severe.csv", "docs/images/reversal.svg", follows=COMPARED,
     ),
 )}  # fmt: skip

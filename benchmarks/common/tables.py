@@ -15,7 +15,7 @@ from importlib.metadata import version
 from io import StringIO
 from pathlib import Path
 
-from benchmarks.common.reference import as_text, trajectories
+from benchmarks.common.reference import as_text, from_text, partly, trajectories
 from fish_env.control.files import write_text
 from fish_env.training.checkout import ROOT, present_commit
 
@@ -41,13 +41,16 @@ def provenance(command: str) -> dict[str, str]:
     }
 
 
-def write_csv(name: str, rows: list[dict], command: str) -> Path:
+def write_csv(name: str, rows: list[dict], command: str, measured: Iterable[str] | None = None) -> Path:
     """Write rows to results/name, preceded by their provenance as comment lines; return the path.
 
-    An existing table is replaced as a whole, or stays if anything fails.
+    An existing table is replaced as a whole, or stays if anything fails. Where it has rows of an earlier table, only
+    the tasks that were measured get the reference trajectories of now.
     """
-    text = StringIO()
-    for key, value in provenance(command).items():
+    text, about = StringIO(), provenance(command)
+    if measured is not None:
+        about[TRAJECTORIES] = as_text(partly(from_text(head_of(RESULTS / name).get(TRAJECTORIES, "")), measured))
+    for key, value in about.items():
         text.write(f"# {key}: {value}\n")
     writer = csv.DictWriter(text, rows[0].keys(), lineterminator="\n")
     writer.writeheader()
@@ -64,7 +67,14 @@ def replace_rows(name: str, rows: list[dict], tasks: Iterable[str], command: str
     kept = [row for row in read_stored(name) if row["task"] not in mine]
     rows = sorted(rows + kept, key=lambda row: order.index(row["task"]))
     names = dict.fromkeys(name for row in rows for name in row)
-    return write_csv(name, [{name: row.get(name, "") for name in names} for row in rows], command)
+    rows = [{name: row.get(name, "") for name in names} for row in rows]
+    return write_csv(name, rows, command, mine if kept else None)
+
+
+def head_of(path: Path) -> dict[str, str]:
+    """The provenance of a table: its comment lines."""
+    lines = (line[2:] for line in path.read_text("utf-8").splitlines() if line.startswith("# "))
+    return dict(line.split(": ", 1) for line in lines if ": " in line)
 
 
 def read_rows(path: Path) -> list[dict]:

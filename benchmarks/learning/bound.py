@@ -3,12 +3,13 @@
 A start is a fish that the motor controllers, or the shipped policy, have swum with until the last command of an
 evaluation episode, in Swim until it is steady. From this state both go on, and CMA-ES searches for commands. It begins
 with the better ones of the two, which it never falls behind, and changes them every 40 ms in each segment, to the left
-or to the right. Fast strokes are unstable without feedback. A steady swimmer therefore executes only the beginning of a
-plan, and plans again from there (a receding horizon); the controller that it began with goes on after the plan.
+or to the right. Fast strokes are unstable without feedback. In fast starts the controller therefore goes on under the
+changes. A steady swimmer executes only the beginning of a plan, and plans again from there (a receding horizon); the
+controller that it began with goes on after the plan.
 
 A search shows what can be reached. How far its seeds are apart tells how far it may be from the best. For turns, one
-more search looks for the largest return of the next time, in which the controller goes on after the changes: its
-latency is what the reward asks for.
+more search looks for the largest return of the next time, by the weights of the policy's training, in which the
+controller goes on after the changes: its latency is what the reward asks for.
 """
 
 from collections.abc import Callable
@@ -19,12 +20,13 @@ import numpy as np
 
 from benchmarks.common.search import minimise
 from benchmarks.common.statistics import interval_of, rounded
-from benchmarks.common.tables import RESULTS, make_parser, read_table, write_csv
+from benchmarks.common.tables import make_parser, replace_rows
 from fish_env.control import FIRST_SEED, Controller, as_controller, load_policy, scripted, shipped_policies
 from fish_env.envs import FishState, FishVectorEnv
 from fish_env.tasks.fast_start import FastStartTask
 from fish_env.tasks.rewards import wrap_angle
 from fish_env.tasks.turns import COMPLETE, CommandedTurns
+from fish_env.training.config import CONFIGS
 
 COMMAND, CSV = "python -m benchmarks.learning.bound", "learning/bound.csv"
 POPULATION = 256  # fish that try commands, each its own
@@ -222,11 +224,13 @@ def search(env: FishVectorEnv, start: Start, control: Controller, measure: Measu
         found = Search(env, start, control, measure, steps, changed)
         return found.swim(found.best(budget, seed)[None])
     steps, interval = len(start.commands), env.control_interval
+    if measure is measure_way:
+        found = Search(env, start, control, measure, steps, steps)
+        return found.swim(found.best(budget, seed)[None])
     swum = drive(env, start.state, control, steps)
-    if measure is measure_latency:
-        latency = measure_latency(swum, start.wanted)[0][0]
-        if np.isfinite(latency):  # what comes later does not count
-            steps = min(steps, int(np.ceil(latency / interval - 1e-9)))
+    latency = measure_latency(swum, start.wanted)[0][0]
+    if np.isfinite(latency):  # what comes later does not count
+        steps = min(steps, int(np.ceil(latency / interval - 1e-9)))
     found = Search(env, start, recorded(swum.commands, interval), measure, steps, steps)
     return found.swim(found.best(budget, seed)[None])
 
@@ -240,12 +244,15 @@ def score(swum: Swum, measure: Measure, wanted: float) -> tuple[float, float]:
 def rows_of(task: str, starts: int, budget: int, seeds: int, **options) -> list[dict]:
     """A row for each quantity and start of a task; `options` are keywords of the environment.
 
-    Muscles are grouped as the shipped policy commands them; a search changes whole segments of a side anyway.
+    Muscles are grouped as the shipped policy commands them; a search changes whole segments of a side anyway. The
+    reward has the weights of its training.
     """
     path, rows = shipped_policies().get(task), []
     policy = None if path is None else load_policy(path)
     groups = "muscles" if policy is None else policy.about["env_options"].get("muscle_groups", "muscles")
-    few, env = (FishVectorEnv(count, task=task, muscle_groups=groups, **options) for count in (starts, POPULATION))
+    weights = {name: value for name, value in CONFIGS[task].training_options.items() if name.endswith("_weight")}
+    options = {"muscle_groups": groups} | weights | options
+    few, env = (FishVectorEnv(count, task=task, **options) for count in (starts, POPULATION))
     before = {"motor_controllers": scripted(few)}
     if policy is not None:
         before["policy"] = as_controller(policy, few)
@@ -254,12 +261,14 @@ def rows_of(task: str, starts: int, budget: int, seeds: int, **options) -> list[
         controls = {"motor_controllers": scripted(env)} | (
             {} if policy is None else {"policy": as_controller(policy, env)}
         )
-        feedback, controls = controls, controls | {swum_by: recorded(start.commands, env.control_interval)}
+        feedback = dict(controls)
+        if swum_by == "motor_controllers":  # which have a memory
+            controls[swum_by] = recorded(start.commands, env.control_interval)
         known = {who: drive(env, start.state, control, len(start.commands)) for who, control in controls.items()}
         found = {}
         for quantity, measure in GOALS[task].items():
             better = min(known, key=lambda who: score(known[who], measure, start.wanted))
-            control = (feedback if measure is measure_rewarded else controls)[better]
+            control = (feedback if measure in (measure_rewarded, measure_way) else controls)[better]
             found[quantity] = [search(env, start, control, measure, budget, seed + 1) for seed in range(seeds)]
         for quantity, measure in GOALS[task].items():  # what one search finds may be the best for another quantity
             values = {who: score(swum, measure, start.wanted)[1] for who, swum in known.items()}
@@ -310,9 +319,7 @@ def main() -> None:
         rows += rows_of(task, chosen.starts, chosen.budget, chosen.seeds)
     print(summarise(rows))
     if all(getattr(chosen, name) == usual for name, (usual, _) in efforts.items()):
-        kept = read_table(CSV) if (RESULTS / CSV).exists() else []
-        rows += [row for row in kept if row["task"] not in chosen.tasks]
-        print(write_csv(CSV, sorted(rows, key=lambda row: list(GOALS).index(row["task"])), COMMAND))
+        print(replace_rows(CSV, rows, GOALS, COMMAND))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from benchmarks.common.charts import METHOD_STYLE, legend_below, panels, save, words
 from benchmarks.common.statistics import rounded
-from benchmarks.common.tables import RESULTS, read_table, select, write_csv
+from benchmarks.common.tables import RESULTS, read_table, replace_rows, select
 from fish_env import INTEGRATORS
 from fish_env.control import Scores, load_policy, make_policy_env, run_episodes, shipped_policies
 from fish_env.control.evaluation import episode_scores, scores_by_name
@@ -92,9 +92,7 @@ def compare_integrators(names: list[str | Path] | None = None) -> list[dict]:
     if published:
         for path, own in fish.items():
             rows += replays(path, (settings(own)[0], (own.integrator, own.time_step, own.refine)), MANY)
-        kept = [row for row in read_table(TABLE) if row["task"] not in fish] if set(fish) != set(shipped) else []
-        rows = sorted(rows + kept, key=lambda row: (row["episodes"] == MANY, list(shipped).index(row["task"])))
-        write_csv(TABLE, rows, COMMAND)
+        replace_rows(TABLE, rows, shipped, COMMAND)
         draw()
     for row in ({name: name for name in rows[0]}, *rows):
         print(" ".join(str(value).rjust(width) for value, width in zip(row.values(), WIDTHS, strict=True)))

@@ -17,6 +17,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.common.charts import BLUE, GREEN, GREY, ORANGE, PINK, legend_below, panels, save, words
+from benchmarks.common.reference import as_text, changed, from_text, trajectories
 from benchmarks.common.tables import (
     IMAGES,
     ROOT,
@@ -66,6 +67,19 @@ def trials() -> list[tuple]:
 def file_of(learner: str, *key) -> Path:
     """Where a trial is kept."""
     return RUNS / f"{'_'.join(map(str, (learner, *key)))}.json".replace(":", ".")
+
+
+def check_motions() -> None:
+    """Refuse to add to trials that were made when fish moved otherwise.
+
+    Raises:
+        SystemExit: naming them.
+    """
+    path = RUNS / "motions.txt"
+    if not path.exists():
+        write_text(path, as_text(trajectories()))
+    elif other := changed(from_text(path.read_text("utf-8")), [f"task {task}" for task in protocol.TASKS]):
+        raise SystemExit(f"{RUNS} has trials of before {', '.join(other)} changed; move it away")
 
 
 def run(trial: tuple) -> None:
@@ -135,14 +149,13 @@ def controllers() -> dict[str, tuple[Callable, list[str], list[str]]]:
 def measure_controllers() -> None:
     """Keep the results of `controllers` as those of learners; shipped policies have the steps of their training."""
     for name, (make, tasks, levels) in tqdm(controllers().items(), unit="controller"):
-        path, runs = RUNS / f"{name}.json", []
-        for task, level in () if path.exists() else product(tasks, levels):
+        runs = []
+        for task, level in product(tasks, levels):
             steps = CONFIGS[task].timesteps if name.startswith("shipped") else 0
             about = dict(zip(KEY, (task, level, steps, 0), strict=True)) | {"processor_seconds": 0.0, "curve": []}
             runs.append(about | measure(make, task, level))
-        if runs:
-            found = {"protocol": protocol.VERSION, "learner": name.removesuffix(f" {tasks[0]}"), "runs": runs}
-            write_text(path, json.dumps(found) + "\n")
+        found = {"protocol": protocol.VERSION, "learner": name.removesuffix(f" {tasks[0]}"), "runs": runs}
+        write_text(RUNS / f"{name}.json", json.dumps(found) + "\n")
 
 
 def kept_results() -> list[dict[str, Any]]:
@@ -182,7 +195,7 @@ def add(results: list[dict[str, Any]], command: str) -> None:
     for table, new, names in ((TABLE, rows, ("learner", *KEY[:3])), (CURVES, curves, ("learner", *KEY))):
         key = {tuple(str(row[name]) for name in names) for row in new}
         kept = [row for row in read_stored(table) if tuple(row[name] for name in names) not in key]
-        print(write_csv(table, kept + new, command))
+        print(write_csv(table, kept + new, command, () if kept else None))
 
 
 def table() -> str:
@@ -250,6 +263,7 @@ def main() -> None:
         add([read_result(path) for path in given.files], COMMAND)
         return draw()
     RUNS.mkdir(parents=True, exist_ok=True)
+    check_motions()
     missing = [] if given.finished else [trial for trial in trials() if not file_of(*trial).exists()]
     with ProcessPoolExecutor(available_processors(), multiprocessing.get_context("spawn")) as pool:
         list(tqdm(pool.map(run, missing), total=len(missing), unit="trial"))

@@ -15,6 +15,7 @@ import numpy as np
 
 from agents.published import CONFIGS, SEEDS
 from benchmarks.common.charts import BLUE, ORANGE, legend_below, panels, save, words
+from benchmarks.common.reference import trajectories
 from benchmarks.common.statistics import rounded
 from benchmarks.common.tables import (
     IMAGES,
@@ -251,6 +252,7 @@ def ship(runs: list[Path], scores: list[Scores], metric: str, folder: Path) -> N
     for name in ("policy.npz", "config.json"):
         with replacing(folder / name) as partial:
             partial.write_bytes((runs[median] / name).read_bytes())
+    trajectories.cache_clear()
 
 
 def curve_rows(run: Path) -> list[dict]:

@@ -1,20 +1,26 @@
-"""One left turn begun before a right turn is over, drawn: path, heading with its command, and strain."""
+"""One left turn begun before a right turn is over, drawn: path, heading with its command, and strain.
+
+And how often the shipped policy succeeds at twice the severity.
+"""
 
 from functools import cache
 
 import numpy as np
 
 from benchmarks.common.charts import BLUE, ORANGE, WIDTH, legend_below, pyplot, save
+from benchmarks.common.statistics import rounded
 from benchmarks.common.tables import IMAGES, publish
 from fish_env.bodies.mass_spring import LAYERS
-from fish_env.control import evaluation_options, load_policy, make_eval_env, policy_controller, scripted
+from fish_env.control import evaluate, evaluation_options, load_policy, make_eval_env, policy_controller, scripted
 from fish_env.control.policy import PRETRAINED
+from fish_env.control.statistics import interval
 from fish_env.envs import FishVectorEnv
 from fish_env.training.config import CONFIGS
 
 COMMAND = {"yaw": 0.0, "side": -1, "first": 1.3, "second": 1.3, "part": 0.6, "wait": 1.0}
 SEED = 0
 DRAWN = 2.8  # s of the path
+EPISODES, SEVERITY = 10_000, 2.0
 COLOURS = {"motor controllers": ORANGE, "PPO": BLUE}
 
 
@@ -79,5 +85,16 @@ def measure() -> list[dict]:
     ]  # fmt: skip
 
 
+def measure_severe() -> list[dict]:
+    """Success and failures of the shipped policy in many episodes at twice the severity."""
+    config = CONFIGS["left_after_right"]
+    env = make_eval_env(config.env_id, EPISODES, evaluation_options(config.env_options) | {"severity": SEVERITY})
+    scores = evaluate(env, load_policy("left_after_right"))
+    env.close()
+    found = {name: interval([scores], name, np.random.default_rng(0)) for name in ("success", "failed")}
+    return [{"metric": name, "episodes": EPISODES} | dict(zip(each._fields, map(rounded, each), strict=True))
+            for name, each in found.items()]  # fmt: skip
+
+
 if __name__ == "__main__":
-    publish(__doc__, {"reversal.csv": measure}, draw)
+    publish(__doc__, {"reversal.csv": measure, "learning/severe.csv": measure_severe}, draw)

@@ -6,12 +6,12 @@ results/transfer.csv and results/learning/kinematics.csv.
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.common.statistics import interval_of
 from benchmarks.common.tables import publish
 from benchmarks.learning import kinematics
 from benchmarks.learning.publish import PUBLICATIONS
 from fish_env.control import FIRST_SEED, evaluate, evaluation_options, load_policy, make_eval_env, scripted
 from fish_env.control.policy import PRETRAINED
+from fish_env.control.statistics import interval
 from fish_env.training.config import CONFIGS
 
 BODIES = {"planar": 100, "mass_spring": 100, "two_layer": 50, "tetrahedral": 25}
@@ -33,8 +33,7 @@ def shipped_rows() -> list[dict]:
                     scores = evaluate(env, policy if who == "policy" else scripted(env))
                     env.close()
                     for metric in dict.fromkeys((*PUBLICATIONS[task].headline, "failed")):
-                        known = scores[metric][np.isfinite(scores[metric])]
-                        mean, low, high = interval_of(known) if known.size else (np.nan,) * 3
+                        mean, low, high = interval([scores], metric, np.random.default_rng(0))
                         found.append({
                             "task": task, "learnt_on": "mass_spring" if who == "policy" else "", "body": body,
                             "who": who, "metric": metric, "mean": f"{mean:.4g}", "low": f"{low:.4g}",

@@ -115,7 +115,7 @@ PARENT = "FISH_ENV_TRAIN_ALL"
 
 FINE_TUNING = {"timesteps": 98_304, "num_envs": 64, "rollout": 16, "batch_size": 512, "learning_rate": 2e-3}
 """Settings that differ when a policy starts from a trained one: 96 small updates at a high rate, not twelve large ones.
-A policy on another body then recovers its performance (`benchmarks/learning/transfer.py` measures it)."""
+For a policy on another body."""
 
 
 def settings_for(request: Request, resumed: Mapping[str, Any] | None = None) -> tuple[TrainConfig, int]:
