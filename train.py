@@ -42,6 +42,9 @@ def compare(arguments: argparse.Namespace) -> None:
     from fish_env.__main__ import compare_policies, find_policy
 
     if arguments.integrators:
+        usual = make_parser()[0].parse_args(["compare", *arguments.policies, "--integrators"])
+        if other := sorted(name for name in vars(usual) if vars(usual)[name] != vars(arguments)[name]):
+            raise ValueError(f"--integrators goes with names of policies alone; leave out {', '.join(other)}")
         from benchmarks.learning.integrators import compare_integrators
 
         compare_integrators([find_policy(name) for name in arguments.policies])

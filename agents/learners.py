@@ -1,5 +1,6 @@
-"""Learners for `fish_env benchmark agents.learners:sac`: their settings stand in agents/zoo/, in rl_zoo3's format.
+"""Learners for `fish_env benchmark agents.learners:sac --tasks swim left_after_right`.
 
+Their settings stand in agents/zoo/, in rl_zoo3's format.
 All see observations that `VecNormalize` scales, and command the two muscles of a pair alike, by one action.
 """
 
@@ -23,8 +24,11 @@ REPLACED = ("n_timesteps", "n_envs", "env_kwargs", "normalize", "policy")
 
 
 def settings(name: str, trial: Trial) -> dict[str, Any]:
-    """The settings of a learner in the environment of a trial."""
-    return yaml.safe_load((SETTINGS / f"{name}.yml").read_text(encoding="utf-8"))[trial.env_id]
+    """The settings of a learner in the environment of a trial; ValueError without any."""
+    found = yaml.safe_load((SETTINGS / f"{name}.yml").read_text(encoding="utf-8"))
+    if trial.env_id not in found:
+        raise ValueError(f"agents/zoo/{name}.yml has no settings for {trial.env_id}; it has {', '.join(found)}")
+    return found[trial.env_id]
 
 
 def learn(name: str, algorithm: Callable, trial: Trial) -> Controller:

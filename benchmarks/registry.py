@@ -11,7 +11,9 @@ RESULTS = "benchmarks/results/"
 DEFAULT, EVERY_BODY, EVERY_TASK = ("body mass_spring",), ("body *",), ("body mass_spring", "task *")
 FINEST_BODY = ("body tetrahedral",)
 TRAINED = ("task *", "policy *")
-COMPARED = tuple(f"{what} {task}" for what in ("task", "policy") for task in ("swim", "turn", "left_after_right", "fast_start"))
+COMPARED = tuple(
+    f"{what} {task}" for what in ("task", "policy") for task in ("swim", "turn", "left_after_right", "fast_start")
+)
 
 
 @dataclass(frozen=True)

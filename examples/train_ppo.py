@@ -106,7 +106,7 @@ def evaluate(args: Args, model: PPO, scaling: VecNormalize) -> dict[str, float]:
     fish.close()
     metrics = [name for name, value in ends[0].items() if isinstance(value, int | float) and name not in COPIES]
     scores = {"return": float(np.mean([info["episode"]["r"] for info in ends]))}
-    return scores | {name: float(np.mean([info[name] for info in ends])) for name in metrics}
+    return scores | {name: float(np.nanmean([info[name] for info in ends])) for name in metrics}
 
 
 def main() -> None:

@@ -21,6 +21,7 @@ import inspect
 import json
 import os
 import platform
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -227,8 +228,11 @@ def run_training(arguments: argparse.Namespace) -> None:
         check_names("unknown task", CONFIGS, task)
     if arguments.seeds and (arguments.folder or arguments.resume):
         raise ValueError("--seeds begins several runs, and --folder and --resume are of one; give --runs, or --seed")
+    if arguments.folder and arguments.resume:
+        raise ValueError("a run is resumed in its own folder; give --resume alone, or --folder for a new run")
     request = Request(
         task=task,
+        module=module,
         seed=arguments.seed,
         root=arguments.runs,
         folder=arguments.folder,
@@ -248,7 +252,8 @@ def run_training(arguments: argparse.Namespace) -> None:
             settings_for(each)  # a mistake in the last seed is found before the first run
         folders = [train(each) for each in requests]
     if arguments.seeds:
-        print(f"Compare:  fish_env report {' '.join(map(str, folders))}")
+        imported = ["--task-module", module] if module else []
+        print(f"Compare:  {shlex.join(['fish_env', 'report', *map(str, folders), *imported])}")
 
 
 def find_policy(name: str) -> str | Path:
@@ -367,7 +372,8 @@ def open_laboratory(arguments: argparse.Namespace) -> None:
     if arguments.task or arguments.policy:
         from fish_env.lab.swimmers import UserScene
 
-        user = partial(UserScene, arguments.task, load_policy(arguments.policy) if arguments.policy else None)
+        policy = load_policy(find_policy(arguments.policy)) if arguments.policy else None
+        user = partial(UserScene, arguments.task, policy)
         user().close()  # an environment that cannot be made is named here
     serve(arguments.host, arguments.port, user)
 

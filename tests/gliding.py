@@ -32,7 +32,8 @@ class GlidingVectorEnv(StubVectorEnv):
         mean, aside = contraction.mean(axis=1), (contraction * tank.fish.sides).sum(axis=1)
         for x, centre, angle in zip(tank.position, self._pose.centre, 0.02 * aside, strict=True):
             x[:] = centre + (x - centre) @ rotation(angle, 0.0, 0.0).T
-        tank.rest_length[:, tank.fish.muscles] = tank.natural - contraction * tank.span
+        shorter = contraction - tank.fish.lengthening * contraction[:, tank.fish.mirrored_muscles]
+        tank.rest_length[:, tank.fish.muscles] = tank.natural - shorter * tank.span
         tank.velocity[:] = (tank.fish.length * mean[:, None] * self._pose.axes[:, 0])[:, None]
         tank.position[:] += tank.velocity * duration
         for spent in (tank.time, tank.effort, tank.work):

@@ -202,6 +202,20 @@ def test_a_table_is_replaced_as_a_whole(tmp_path, monkeypatch):
     assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
 
 
+def test_rows_that_stay_keep_their_trajectories(tmp_path, monkeypatch):
+    """Those of a task that is not measured again are as old as they were; once all are, so is the table."""
+    monkeypatch.setattr(tables, "RESULTS", tmp_path)
+    for now, tasks, found in (
+        (1.0, ["swim", "turn"], [1.0, 1.0]),
+        (2.0, ["turn"], [1.0, 2.0]),
+        (3.0, ["swim"], [3.0, 2.0]),
+    ):
+        monkeypatch.setattr(tables, "trajectories", lambda now=now: dict.fromkeys(("task swim", "policy turn"), now))
+        tables.replace_rows("some.csv", [{"task": task, "a": now} for task in tasks], ["swim", "turn"], "a test")
+        head = tables.head_of(tmp_path / "some.csv")[tables.TRAJECTORIES]
+        assert list(reference.from_text(head).values()) == found
+
+
 # What training publishes
 
 

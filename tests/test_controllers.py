@@ -153,6 +153,26 @@ def test_commanded_speed_and_depth():
     assert evaluate(env, scripted(env), 11)["targets"].sum() > 0
 
 
+def test_commanded_speed_seen_by_sensors():
+    """The motor controllers act on what sensors show as on the velocities of the nodes."""
+    first = []
+    for observation in ("nodes", "sensors"):
+        env = make("Swim", 2, speed=1.0, observation=observation)
+        obs, _ = env.reset(seed=0)
+        first.append(scripted(env)(obs, 0.0))
+    np.testing.assert_allclose(*first, atol=1e-6)
+
+
+def test_thirds_of_a_fish_of_six_segments_act_as_one():
+    """Under the gait and the motor controllers."""
+    fish = make_fish()
+    many = replace(fish, segments=2 * fish.segments + (fish.heights > 0))
+    np.testing.assert_array_equal(*(best_gait().contraction(each, np.linspace(0, 1, 9)) for each in (fish, many)))
+    env = make("Turn", 2, body=many)
+    obs, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(scripted(env)(obs, 0.0), scripted(make("Turn", 2))(obs, 0.0))
+
+
 def test_random_actions_are_seeded():
     """Random actions fill the range, differ from one environment step to the next, and come back with their seed."""
     one, same, other = (random_actions(make("Swim", 4), seed) for seed in (0, 0, 1))

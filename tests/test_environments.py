@@ -23,6 +23,7 @@ from moving import tiered
 import fish_env
 from fish_env import BODIES, INTEGRATORS, make_fish, make_sb3_vec_env
 from fish_env.envs import VARIATIONS, FishVectorEnv, episode
+from fish_env.envs.stub import StubVectorEnv
 
 IDS = sorted(id for id in gym.registry if id.startswith("FishEnv/"))
 SWIM, STUB = "FishEnv/Swim-v0", "FishEnv/Stub-v0"
@@ -356,6 +357,52 @@ def test_calls():
             env.set_attr("heading_error", [0.1, 0.2])
     with pytest.raises(ValueError, match="give one value, or 3 that are the same"):
         batch.set_attr("heading_error", (0.1, 0.2, 0.3))
+
+
+def test_attributes_of_a_vec_env_are_not_called():
+    """`get_attr` and `has_attr` return a method, and do not restart or close the batch by it."""
+    env = sb3()
+    env.seed(0)
+    env.reset()
+    env.step(np.ones((3, 12)))
+    before = env.fish.tank.time.copy()
+    assert env.has_attr("reset") and env.has_attr("close") and not env.has_attr("nothing")
+    assert [method.__name__ for method in env.get_attr("step", [0, 2])] == ["step"] * 2
+    np.testing.assert_array_equal(env.fish.tank.time, before)
+
+
+def test_the_action_of_a_fish_that_restarts_is_ignored():
+    """In the step after the end of an episode, whatever it is."""
+    env = begun_batch(make=StubVectorEnv, max_episode_steps=1)
+    env.step(np.zeros((2, 12)))
+    assert not env.step(np.full((2, 12), np.nan))[1].any()
+    with pytest.raises(ValueError, match="action"):
+        env.step(np.full((2, 12), np.nan))
+
+
+def test_the_last_step_has_a_summary_whatever_set_the_limit():
+    """A limit that is set while an episode runs, and a state that is later than the limit."""
+    env, late = begun(STUB), begun(STUB, max_episode_steps=3)
+    for _ in range(3):
+        env.step(np.zeros(12))
+    late.unwrapped.set_state(env.unwrapped.get_state())
+    env.set_wrapper_attr("_max_episode_steps", 4)
+    for each in (env, late):
+        *_, truncated, info = each.step(np.zeros(12))
+        assert truncated and "speed" in info
+
+
+def test_an_episode_is_summed_up_after_a_reset_only():
+    """Before it there is none, and nothing has succeeded."""
+    for env in (gym.make(ID["turn"]).unwrapped, gym.make_vec(ID["turn"], 2)):
+        with pytest.raises(gym.error.ResetNeeded, match="has no episode before reset"):
+            env.call("episode_info") if hasattr(env, "call") else env.episode_info()
+
+
+def test_stub_observes_its_commands():
+    """The rest lengths that its fish observe are those of the action."""
+    env, action = begun(STUB), np.linspace(-1, 1, 12)
+    np.testing.assert_allclose(env.unwrapped.layout.read(env.step(action)[0], "rest length"), action, atol=1e-6)
 
 
 def test_methods_of_some_fish():

@@ -159,6 +159,12 @@ def slow_policy():
     return replace(load_policy("turn"), about=about)
 
 
+def short_policy():
+    """A policy that was trained in episodes of 2 s, which its history keeps."""
+    about = {"env_id": "FishEnv/Swim-v0", "env_options": {"history": 1, "max_episode_steps": 100}}
+    return replace(load_policy("swim"), about=about)
+
+
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [
@@ -177,6 +183,7 @@ def slow_policy():
         (lambda: evaluate(gym.make("FishEnv/Stub-v0", max_episode_steps=-1), "swim"), ValueError, "has no time limit"),
         (lambda: compare(np.cos, np.sin), ValueError, "give env, a batch of fish"),
         (lambda: compare([], "swim"), ValueError, "a list of policies is empty"),
+        (lambda: compare("swim", short_policy()), ValueError, "the episodes last 2 s and 5 s; give max_episode_steps"),
         (lambda: Policy((), (), {}, hidden="elu"), ValueError, "hidden is 'elu'.*; choose from 'tanh', 'relu'"),
         (lambda: policy_controller(slow_policy(), make_policy_env("turn", 1, control_interval=0.03)),
          ValueError, r"acts every 0.04 s, the environment every 0.03"),

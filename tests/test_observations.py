@@ -5,6 +5,7 @@ Most of it is measured of fish that glide or stand anywhere, without compilation
 
 import copy
 import pickle
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -14,6 +15,7 @@ from gymnasium.utils.env_checker import check_env
 from moving import tiered
 
 import fish_env
+from fish_env import BODIES
 from fish_env.control import evaluate, record, replay
 from fish_env.envs import Layout
 from fish_env.envs.step import compile_measure_and_observe
@@ -379,10 +381,24 @@ def test_goals():
      ({"variation": {"strength": 2.0}}, r"variation\['strength'\] is 2; give a number from 0.25 to 1.25")],
 )  # fmt: skip
 def test_bad_settings(keywords, message):
-    """What is not allowed is one clear line."""
+    """What is not allowed is one clear line, of one fish at its reset where the time limit is what forbids it."""
     for make in (gym.make, lambda id, **options: gym.make_vec(id, 2, **options)):
         with pytest.raises(ValueError, match=message):
-            make(STUB, **keywords)
+            make(STUB, **keywords).reset()
+
+
+def test_a_delay_may_be_as_long_as_the_episode():
+    """That of the time limit which is asked for."""
+    for make in (gym.make, partial(gym.make_vec, num_envs=2)):
+        make(STUB, max_episode_steps=1000, observation_delay=400).reset(seed=0)
+
+
+@pytest.mark.parametrize("body", tiered(BODIES, ["mass_spring", "planar"]))
+def test_muscles_at_rest_have_no_strain(body):
+    """That which sensors show is over the length at rest, on a flat body too."""
+    env = gym.make(STUB, body=body, observation="sensors")
+    strain = env.unwrapped.layout.read(env.reset(seed=0)[0], "muscle length")
+    np.testing.assert_allclose(strain, 0.0, atol=1e-6)
 
 
 def test_noise_follows_the_unit():

@@ -497,7 +497,7 @@ def test_a_run_that_is_killed(tmp_path, monkeypatch):
     trainings = pytest.importorskip("trainings")
     from fish_env.training import callbacks
 
-    monkeypatch.setattr(trainings.training, "Checkpoint", lambda path: callbacks.Checkpoint(path, seconds=0.0))
+    monkeypatch.setattr(trainings.training, "Checkpoint", lambda *given: callbacks.Checkpoint(*given, seconds=0.0))
     folder, generator, saved = tmp_path / "run", np.random.default_rng(0), 0
     for kill in count():
         request = {"resume": folder} if (folder / "model.zip").exists() else {"folder": folder, "changes": KILLED}

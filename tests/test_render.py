@@ -331,6 +331,18 @@ def test_window(window, num_fish):
     assert not pygame.display.get_init()
 
 
+def test_window_of_a_vec_env(window, monkeypatch):
+    """human: Stable-Baselines3's batch shows the fish after a reset and after every step, too."""
+    shown, render = [], Renderer.render
+    monkeypatch.setattr(Renderer, "render", lambda self: shown.append(1) or render(self))
+    env = make_sb3_vec_env(STUB, 2, seed=0, render_mode="human", max_episode_steps=2)
+    env.reset()
+    for _ in range(3):
+        env.step(np.zeros((2, 12)))
+    assert len(shown) == 4
+    env.close()
+
+
 def test_window_keeps_to_real_time(window, monkeypatch):
     """human: pictures come no faster than the control intervals they show."""
     rates = []

@@ -300,6 +300,22 @@ def test_the_end_of_an_episode(mode):
         assert env._elapsed.tolist() == [1, 1 if mode == "Disabled" else 0]
 
 
+@pytest.mark.parametrize(("method", "wrong", "text"), [
+    ("vectors", lambda good: good * np.nan, "vectors of the task is nan"),
+    ("vectors", lambda good: good[0, 0], "vectors of the task has shape"),
+    ("done", lambda good: None, "done of the task is None; give a boolean array"),
+    ("done", lambda good: True, "done of the task is True; give a boolean array"),
+    ("done", lambda good: good[:, None], "done of the task is array"),
+])  # fmt: skip
+def test_vectors_and_ends_that_are_refused(method, wrong, text, monkeypatch):
+    """A task in Python whose vectors are not finite, or whose ends are not those of each fish, raises an error."""
+    env, good = GlidingVectorEnv(2, task="rhythm"), getattr(Rhythm, method)
+    monkeypatch.setattr(Rhythm, method, lambda self, tank, pose: wrong(good(self, tank, pose)))
+    with pytest.raises(ValueError, match=text):
+        env.reset(seed=0)
+        env.step(np.zeros((2, 12)))
+
+
 @pytest.mark.parametrize("terms", [
     (lambda good: good | {"bonus": good["change"]}, "has the terms .*'change', 'bonus'.*; give .*'change'"),
     (lambda good: {}, r"has the terms \[\]; give .*'change'"), (lambda good: good["change"], "has the terms array"),

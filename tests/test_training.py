@@ -15,6 +15,7 @@ import zipfile
 from dataclasses import asdict, replace
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -29,6 +30,7 @@ mpl = pytest.importorskip("matplotlib")
 
 
 import fish_env
+import train as program
 from agents import train_all
 from fish_env import __main__ as command_line
 from fish_env.control import (
@@ -44,6 +46,7 @@ from fish_env.control.equivariant import reflection_of
 from fish_env.control.files import write_csv
 from fish_env.control.film import film_data
 from fish_env.control.statistics import SIGNED
+from fish_env.envs.sb3 import FishVecEnv
 from fish_env.training import callbacks, report, report_charts, report_page
 from fish_env.training.build import export_policy, make_env, make_model, start_from
 from fish_env.training.config import CONFIGS, FINE_TUNING, PARENT, Request, settings_for, settings_of
@@ -204,6 +207,41 @@ def test_ctrl_c_saves_the_model_and_resume_continues(tmp_path, monkeypatch, caps
         train_short(folder=folder)
     assert f"--resume {folder}" in capsys.readouterr().out and load_policy(folder / "policy.npz")
     assert train_short(resume=folder, changes={}) == folder and steps_in(folder) == 1024
+
+
+STUB_OF_MINE = """
+import gymnasium as gym
+gym.register({!r}, "fish_env.envs.stub:StubEnv", vector_entry_point="fish_env.envs.stub:StubVectorEnv",
+             max_episode_steps={}, kwargs={{"task": "swim"}})
+"""
+
+
+def test_ctrl_c_before_the_first_step_of_a_resumed_run(run_copy, monkeypatch):
+    """The steps that it was trained for stay, and so does its curve."""
+    steps, rows = steps_in(run_copy), (run_copy / "curve.csv").read_text()
+
+    def press(self):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(training.Stopped):
+        patch.setattr(FishVecEnv, "reset", press)
+        train_short(resume=run_copy, changes=LONGER)
+    assert steps_in(run_copy) == steps > 0 and (run_copy / "curve.csv").read_text() == rows
+
+
+def test_commands_of_an_environment_of_ones_own(tmp_path, monkeypatch, capsys):
+    """Those that are printed name its module, and quote a folder with a space."""
+    (tmp_path / "of_mine.py").write_text(STUB_OF_MINE.format("Mine/Stub-v0", 20))
+    monkeypatch.chdir(tmp_path)
+    short = ["--timesteps", "256", "--num-envs", "8", "--folder", "my run", "--no-pictures"]
+    assert command_line.main(["train", "of_mine:Mine/Stub-v0", *short]) == 0
+    assert command_line.main(["train", "of_mine:Mine/Stub-v0", *short]) == 2
+    assert "resume it with: fish_env train of_mine:Mine/Stub-v0 --resume 'my run'" in capsys.readouterr().err
+    record = json.loads((tmp_path / "my run" / "config.json").read_text())
+    assert record["command"].startswith("fish_env train of_mine:Mine/Stub-v0 ")
+    assert (
+        Request("Mine/Stub-v0", module="of_mine").watching("my run") == "fish_env play 'my run' --task-module of_mine"
+    )
 
 
 @pytest.mark.parametrize("cause", ["parent", "lost", "saving"])
@@ -367,7 +405,7 @@ def test_a_full_disk_at_the_end(elsewhere, run_copy, tmp_path, monkeypatch):
 
 def test_a_full_disk_ends_the_training_and_keeps_the_model(tmp_path, monkeypatch):
     """A file that cannot be written ends the run; the model goes elsewhere, and the last checkpoint is whole."""
-    monkeypatch.setattr(training, "Checkpoint", lambda path: callbacks.Checkpoint(path, seconds=0.0))
+    monkeypatch.setattr(training, "Checkpoint", lambda *given: callbacks.Checkpoint(*given, seconds=0.0))
     folder, replace_file, written_files = tmp_path / "run", os.replace, []
     (tmp_path / "elsewhere").mkdir()
 
@@ -470,6 +508,21 @@ def test_a_run_of_other_versions_is_resumed_with_a_warning(run_copy, capsys):
 
 
 # Requests
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    ("train swim --resume {} --folder other", "give --resume alone"),
+    ("train swim --resume {} --hyperparameters initial_log_std=0.0", "initial_log_std is for a new one"),
+    ("train swim --start-from {} --hyperparameters initial_log_std=0.0", "initial_log_std is for a new one"),
+    ("compare --integrators --episodes 5 --policy mine.npz", "leave out episodes, policy"),
+    ("train endless:Endless-v0 --folder other", "Endless-v0 has no time limit"),
+])  # fmt: skip
+def test_what_would_have_no_effect_is_refused(words, message, run_copy, tmp_path, monkeypatch, capsys):
+    """Options that would be ignored, and an environment in which no policy can be evaluated."""
+    (tmp_path / "endless.py").write_text(STUB_OF_MINE.format("Endless-v0", None))
+    monkeypatch.chdir(tmp_path)
+    assert command_line.main(words.format(run_copy).split(), program.make_parser()[0]) == 2
+    assert message in capsys.readouterr().err and not Path("other").exists()
 
 
 @pytest.mark.parametrize(("option", "value"), [
@@ -681,6 +734,18 @@ def test_page_of_several_runs(runs, tmp_path, monkeypatch):
     monkeypatch.setattr(report_charts, "COLOURS", report_charts.COLOURS[:1])
     with pytest.raises(ValueError, match="2 different settings; compare at most 1"):
         report_page.write_report([runs / "seed0", runs / "other"], episodes=2)
+
+
+def test_metrics_that_one_of_several_runs_lacks():
+    """They stand in the table whatever run comes first."""
+    shared = {name: np.arange(3.0) for name in ("return", "speed")}
+    scores = shared | {"failed": np.zeros(3), "success": np.ones(3)}, shared | {"speed_error": np.arange(3.0)}
+    groups = [
+        SimpleNamespace(label=f"run {k}", episodes=[each], runs=[0], untrained={}) for k, each in enumerate(scores)
+    ]
+    for order in (groups, groups[::-1]):
+        table = report_page.tabulate_metrics(order, "speed")
+        assert "speed error" in table and "success" in table
 
 
 def test_a_page_that_cannot_be_written(runs, tmp_path):

@@ -78,11 +78,10 @@ def trajectories() -> dict[str, float]:
     return {name: make() for name, make in TRAJECTORIES.items()}
 
 
-def partly(then: dict[str, float], tasks: Iterable[str]) -> dict[str, float]:
+def partly(now: dict[str, float], then: dict[str, float], tasks: Iterable[str]) -> dict[str, float]:
     """The numbers of now of these tasks and their policies, and those of then of all else."""
-    now, tasks = trajectories(), set(tasks)
-    mine = {name for name in now if name.rpartition(" ")[2] in tasks}
-    return {name: now[name] if name in mine else then[name] for name in now if name in mine | then.keys()}
+    tasks = set(tasks)
+    return then | {name: value for name, value in now.items() if name.rpartition(" ")[2] in tasks}
 
 
 def as_text(numbers: dict[str, float]) -> str:

@@ -49,7 +49,8 @@ def write_csv(name: str, rows: list[dict], command: str, measured: Iterable[str]
     """
     text, about = StringIO(), provenance(command)
     if measured is not None:
-        about[TRAJECTORIES] = as_text(partly(from_text(head_of(RESULTS / name).get(TRAJECTORIES, "")), measured))
+        then = from_text(head_of(RESULTS / name).get(TRAJECTORIES, ""))
+        about[TRAJECTORIES] = as_text(partly(trajectories(), then, measured))
     for key, value in about.items():
         text.write(f"# {key}: {value}\n")
     writer = csv.DictWriter(text, rows[0].keys(), lineterminator="\n")

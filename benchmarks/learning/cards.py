@@ -36,7 +36,8 @@ Of {seeds} seeds, the one of median score: {seed}. It took {minutes:.0f} minutes
 
 {settings}
 ## Scores
-Means of {episodes} episodes that the training did not use; of others, interquartile means and 95 % intervals: bootstrap ones, and Wilson's of shares.
+Means of {episodes} episodes that the training did not use; of others, interquartile means and 95 % intervals: bootstrap
+ones, and Wilson's of shares.
 
 {scores}
 ## Intended use and limits

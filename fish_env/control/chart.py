@@ -132,9 +132,9 @@ class Setting(NamedTuple):
 
 
 def random_scenes(fish: Fish, world: World) -> Setting:
-    """A fish in water with the scenes of FAMILIES; of more or fewer than three muscle segments, thirds act as one."""
+    """A fish in water with the scenes of FAMILIES."""
     times = fish.control_interval * np.arange(1, round(SECONDS / fish.control_interval) + 1)
-    thirds = replace(fish, segments=3 * fish.segments // (fish.segments.max() + 1))
+    thirds = replace(fish, segments=fish.thirds)
     goals = [
         family(thirds, np.random.default_rng([SEED + k, scene]), times)
         for k, (family, count) in enumerate(FAMILIES)

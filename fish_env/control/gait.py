@@ -37,7 +37,7 @@ class Gait:
 
     def contraction(self, fish: Fish, time) -> np.ndarray:
         """Contraction of each muscle at `time` (...,) s: (..., M) in [0, 1]."""
-        amplitude, lag = np.array(self.amplitude)[fish.segments], np.array(self.lag)[fish.segments]
+        amplitude, lag = np.array(self.amplitude)[fish.thirds], np.array(self.lag)[fish.thirds]
         angle = 2 * np.pi * self.frequency * np.asarray(time)[..., None] - lag
         return 0.5 * amplitude * (1.0 + fish.sides * np.sin(angle))  # (44)
 

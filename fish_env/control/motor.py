@@ -192,7 +192,7 @@ def scaled_turns(table: Table, angle: np.ndarray) -> np.ndarray:
 
 def spread(fish: Fish, pairs: np.ndarray) -> np.ndarray:
     """Contractions (B,M) of the muscles, for those of segments and sides (B,3,2): the upper as the lower."""
-    return pairs[:, fish.segments, np.where(fish.sides > 0, 0, 1)]
+    return pairs[:, fish.thirds, np.where(fish.sides > 0, 0, 1)]
 
 
 def glide_mc(num_fish: int) -> np.ndarray:

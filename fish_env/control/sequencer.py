@@ -227,7 +227,10 @@ def aim_velocity(obs: np.ndarray, layout: Layout, mass: np.ndarray, gain: float 
     """Aim at the commanded velocity; `mass` (L,) of the landmarks. Fish that are too slow swim faster."""
     wanted = layout.read(obs, "commanded velocity").astype(float)
     speed = np.linalg.norm(wanted, axis=1)
-    own = mass @ layout.read(obs, "velocity").astype(float) / mass.sum()
+    if layout.observation == "sensors":
+        own = layout.read(obs, "body velocity").astype(float)
+    else:
+        own = mass @ layout.read(obs, "velocity").astype(float) / mass.sum()
     along = (own * wanted).sum(axis=1) / speed
     return Aim(bearing(wanted), climb(wanted), np.maximum(speed + gain * (speed - along), 0.0))
 

@@ -236,6 +236,13 @@ def same_environments(policies: Sequence[PolicyLike], changes: Mapping[str, Any]
                 f"the policies were trained in environments that differ in {said}; give env, or what is to be the same "
                 "in both, as a keyword or by --env-kwargs"
             )
+    if len({(options.get("max_episode_steps"), options.get("control_interval")) for options in found}) > 1:
+        lengths = set()
+        for options in found:
+            with closing(make_checked_batch(env_id, options, 1)) as batch:
+                lengths.add(f"{(batch.max_episode_steps or np.inf) * batch.control_interval:g} s")
+        if len(lengths) > 1:
+            raise ValueError(f"the episodes last {' and '.join(sorted(lengths))}; give max_episode_steps for both")
     return [(env_id, options) for options in found]
 
 

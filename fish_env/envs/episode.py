@@ -160,7 +160,7 @@ class Episodes(Stateful, ReadOnly):
     @max_episode_steps.setter
     def max_episode_steps(self, steps: int | None) -> None:
         limit = checked_limit(steps)
-        check_delays(self._senses, limit or self.task.episode_steps)
+        check_delays(self._senses, limit)
         self._max_episode_steps = limit
 
     @property
@@ -345,13 +345,17 @@ class Episodes(Stateful, ReadOnly):
         arrays["totals"] += arrays["terms"]
         arrays["reward"][:] = arrays["terms"].sum(axis=0)
         self._elapsed += 1
-        over = self.task.done(tank, self._pose) | failed
+        done = self.task.done(tank, self._pose)
+        if not isinstance(done, np.ndarray) or done.dtype != bool or done.shape != failed.shape:
+            raise ValueError(f"done of the task is {done!r:.100}; give a boolean array ({self.num_envs},)")
+        over = done | failed
         arrays["terminated"][:] = over
         arrays["truncated"][:] = ~over & (self._elapsed >= self._limit)
         self._observe()
 
     def _observe(self) -> None:
-        self._vectors[:] = self.task.vectors(self.tank, self._pose)
+        vectors = self.task.vectors(self.tank, self._pose)
+        self._vectors[:] = finite_array(vectors, self._vectors.shape, "vectors of the task")
         compile_observe(self._sensing)(self._env)
 
     def _measure(self, mask: np.ndarray | None = None) -> None:
@@ -385,7 +389,13 @@ class Episodes(Stateful, ReadOnly):
         return obs if self._goals is None else {"observation": obs, **self._goals(self.tank)}
 
     def episode_info(self, i: int) -> dict[str, Any]:
-        """Summary of the episode of fish i: reward terms, the task's metrics, and its failure, "" for none."""
+        """Summary of the episode of fish i: reward terms, the task's metrics, and its failure, "" for none.
+
+        Raises:
+            gymnasium.error.ResetNeeded: before its first reset.
+        """
+        if not self._begun[i]:
+            raise gym.error.ResetNeeded(f"fish {i} has no episode before reset; call env.reset() first")
         failed = self.tank.state.failure[i] != 0
         seconds = float(max(1, self._elapsed[i]) * self.control_interval)
         info = {

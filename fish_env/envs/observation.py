@@ -56,7 +56,9 @@ def observe_sensors(env, rows, b):
     for m in range(tank.muscles.size):
         marks = env.sensors.muscles
         r = landmark(tank, b, marks[m, 1]) - landmark(tank, b, marks[m, 0])
-        out[b, INDEX(starts[MUSCLE_LENGTH] + m)] = clip(sqrt(dot(r, r)) / tank.natural[m] - 1.0, limits[MUSCLE_LENGTH])
+        out[b, INDEX(starts[MUSCLE_LENGTH] + m)] = clip(
+            sqrt(dot(r, r)) / env.sensors.natural[m] - 1.0, limits[MUSCLE_LENGTH]
+        )
     for k in range(env.sensors.faces.shape[0]):
         out[b, INDEX(starts[PRESSURE] + k)] = clip(pressure_on(tank, env.sensors, b, k), limits[PRESSURE])
     for p in range(SENSOR_DIRECTIONS, starts.size):
@@ -66,8 +68,10 @@ def observe_sensors(env, rows, b):
 def make_sensors(fish: Fish, world: World) -> Pack:
     """What `observe_sensors` reads: landmarks by station, ends of muscles, faces, and the law of the water."""
     order, first = stations(fish)
+    ends = fish.points(fish.body.position)[np.array(fish.landmarks.muscles)]  # (M,2,3)
     return Pack(
         "sensors", order=order, first=first, muscles=np.array(fish.landmarks.muscles), faces=pressure_faces(fish),
+        natural=np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1),
         linear=float(world.linear), quadratic=float(world.quadratic),
         oblique=float(world.oblique),
         current=Vectors(np.array([world.current], dtype=float), Kind(1)),

@@ -111,6 +111,11 @@ def set_option(env, name: str, value: Any) -> None:
     env.changed[name] = copy.deepcopy(value)
 
 
+def found_in(env, name: str) -> Any:
+    """The attribute of a batch, or of its task, that a single environment has by this name; AttributeError without."""
+    return getattr(env.task if name in getattr(env.task, "settable", ()) else env, OF_ONE.get(name, name))
+
+
 def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any]:
     """Value of an attribute, or result of a method, for each of some fish of a batch; AttributeError without it."""
     # `reset`, `render`, `episode_info`, `step_info`, `get_state` and `set_state` are called for these fish alone. Any
@@ -118,7 +123,7 @@ def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any
     which = list(which)
     if name == "reset":
         return reset_each(env, which, *args, **kwargs)
-    found: Any = getattr(env.task if name in getattr(env.task, "settable", ()) else env, OF_ONE.get(name, name))
+    found = found_in(env, name)
     if name == "compute_reward":  # for each of them the same, as of `SyncVectorEnv`
         return [found(*args, **kwargs) for _ in which]
     if name in ("episode_info", "step_info", "state_info"):

@@ -12,7 +12,7 @@ except ImportError as error:
     raise ImportError('fish_env.envs.sb3 needs Stable-Baselines3: pip install "fish_env[train]"') from error
 
 from fish_env.envs.layout import row_of
-from fish_env.envs.options import call_each, checked_seed
+from fish_env.envs.options import call_each, checked_seed, found_in
 from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
 from fish_env.tasks.options import Keywords
@@ -41,6 +41,7 @@ class FishVecEnv(Keywords, VecEnv):
         self.reset_infos = [self.fish._info(i, True) for i in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
+        self.fish._show()
         return self.fish.observe()
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
@@ -67,6 +68,7 @@ class FishVecEnv(Keywords, VecEnv):
             for i in ended:
                 self.reset_infos[i] = self.fish._info(i, True)
             obs = self.fish.observe()
+        self.fish._show()
         return obs, reward.astype(np.float32), done, infos
 
     def get_state(self, indices=None) -> FishState:
@@ -86,8 +88,9 @@ class FishVecEnv(Keywords, VecEnv):
         return self.fish.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices=None) -> list[Any]:
-        """The attribute for each selected fish; AttributeError if there is none."""
-        return call_each(self.fish, attr_name, self._get_indices(indices))
+        """The attribute for each selected fish, of methods those of the batch; AttributeError if there is none."""
+        which, found = list(self._get_indices(indices)), found_in(self.fish, attr_name)
+        return [found] * len(which) if callable(found) else call_each(self.fish, attr_name, which)
 
     def set_attr(self, attr_name: str, value: Any, indices=None) -> None:
         """Set an option of `FishVectorEnv.settable` for the episodes that begin next, for all fish: they share it.

@@ -70,7 +70,7 @@ class FishEnv(Keywords, gym.Env):
         """
         self._limits = limits_of(self)
         self.fish.checked_reset(options)  # before the generator is another
-        self._limit = self._time_limit()
+        self._time_limit()
         super().reset(seed=checked_seed(seed))
         self.fish._generators[0] = self.np_random
         self.fish.restart(np.ones(1, dtype=bool), None, options)
@@ -86,7 +86,7 @@ class FishEnv(Keywords, gym.Env):
         fish._take_action(action[None])
         terminated, truncated = fish._terminated.item(), fish._truncated.item()
         info = fish._info(0) if fish.info_every_step or fish.privileged else {}  # a call less in most steps
-        if terminated or truncated or fish._elapsed[0] == self._limit:
+        if terminated or truncated or any(each._elapsed_steps + 1 >= each._max_episode_steps for each in self._limits):
             info |= self.episode_info()
         if self.render_mode == "human":
             self.render()

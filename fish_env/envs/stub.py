@@ -27,8 +27,9 @@ class StubVectorEnv(FishVectorEnv):
             return False
         if self._memory:
             getattr(recall_all, "py_func", recall_all)(self._env)
-        tank, contraction = self.tank, self._contraction
-        tank.rest_length[:, tank.fish.muscles] = tank.natural - contraction * tank.span
+        tank, fish, contraction = self.tank, self.tank.fish, self._contraction
+        shorter = contraction - fish.lengthening * contraction[:, fish.mirrored_muscles]
+        tank.rest_length[:, fish.muscles] = tank.natural - shorter * tank.span
         velocity = tank.fish.length * contraction.mean(axis=1)[:, None] * self._pose.axes[:, 0]
         tank.velocity[:] = velocity[:, None]
         tank.position[:] += tank.velocity * self.control_interval

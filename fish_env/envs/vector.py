@@ -170,8 +170,10 @@ class FishVectorEnv(Keywords, Episodes, VectorEnv):
                 f"fish {np.flatnonzero(restarting).tolist()} are at the end of an episode and autoreset is disabled; "
                 "call env.reset(options={'reset_mask': terminated | truncated})"
             )
+        if restarting.any() and np.shape(actions) == self._action_shape:  # NEXT_STEP: their action is ignored
+            actions = np.where(restarting[:, None], 0.0, actions)
         reward, terminated, truncated = self.advance(actions)
-        if restarting.any():  # NEXT_STEP: their action is ignored
+        if restarting.any():
             self.restart(restarting)
             reward[restarting] = 0.0
             terminated[restarting] = truncated[restarting] = False

@@ -130,6 +130,11 @@ class Fish(ElasticObject):
         return x[..., self.landmarks.node, :] + self.landmarks.height[:, None] * (0.0, 0.0, 1.0)
 
     @property
+    def thirds(self) -> np.ndarray:
+        """(M,) 0, 1 or 2: the muscle segment; of more or fewer than three, thirds act as one."""
+        return 3 * self.segments // (self.segments.max() + 1)
+
+    @property
     def heights(self) -> np.ndarray:
         """Height of each muscle at rest, (M,) m."""
         return self.points(self.body.position)[self.landmarks.muscles, 2].mean(axis=1)

@@ -22,8 +22,8 @@ class Pose(NamedTuple):
 
 
 def make_pose(num_fish: int) -> Pose:
-    """Uninitialised pose of `num_fish` fish, for `measure` to fill."""
-    return Pose(np.empty((num_fish, 3)), np.empty((num_fish, 3)), np.empty((num_fish, 3, 3)))
+    """Pose of `num_fish` fish, zero, for `measure` to fill."""
+    return Pose(np.zeros((num_fish, 3)), np.zeros((num_fish, 3)), np.zeros((num_fish, 3, 3)))
 
 
 def packed_pose(pose: Pose) -> Pack:

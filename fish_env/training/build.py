@@ -16,12 +16,19 @@ from fish_env.training.synergy import SynergyWrapper, batch_of, common_actions, 
 
 
 def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
-    """The batch of fish to train on, its returns logged; ValueError for one that observes goals, or is not of fish."""
+    """The batch of fish to train on, its returns logged.
+
+    Raises:
+        ValueError: for one that observes goals, is not of fish, or has no time limit.
+    """
     options = config.env_options | config.training_options
     env = make_sb3_vec_env(config.env_id, num_envs, seed=seed, staggered=True, **options)
     if isinstance(env.observation_space, Dict):
         env.close()
         raise ValueError("the environment observes goals, which are for HER and not for PPO; leave goal_env out")
+    if batch_of(env).max_episode_steps is None:
+        env.close()
+        raise ValueError(f"{config.env_id} has no time limit, and its episodes might not end; give max_episode_steps")
     return SynergyWrapper(env, config.twist)
 
 

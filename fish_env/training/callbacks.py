@@ -2,7 +2,7 @@
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,12 @@ MIN_EPISODES = 20  # episodes after which it is said that most have failed
 def ended(infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The infos of the fish whose episodes ended in a step."""
     return [info for info in infos if "terminal_observation" in info]
+
+
+def finite_mean(values: Iterable[float]) -> float:
+    """Mean of the values that are finite; NaN without any."""
+    finite = [float(value) for value in values if np.isfinite(value)]
+    return float(np.mean(finite)) if finite else float("nan")
 
 
 class Progress(BaseCallback):
@@ -53,7 +59,7 @@ class Progress(BaseCallback):
 
     def _on_rollout_end(self) -> None:
         if episodes := self.model.ep_info_buffer:
-            shown = f"{self.score} {np.mean(self._scores):.2f}, " if self._scores else ""
+            shown = f"{self.score} {finite_mean(self._scores):.2f}, " if self._scores else ""
             total = sum(e["r"] for e in episodes) / len(episodes)
             self._bar.set_postfix_str(f"{shown}return {total:.2f}", refresh=False)
         self._bar.update(self.num_timesteps - self._bar.n)
@@ -99,14 +105,14 @@ class LearningCurve(BaseCallback):
     def _append(self) -> None:
         count = len(self._infos)
         for name in self._infos[0]:
-            values = [float(info[name]) for info in self._infos if isinstance(info.get(name), int | float)]
-            if finite := [value for value in values if np.isfinite(value)]:
-                self.logger.record(f"episode/{name}", float(np.mean(finite)))
+            mean = finite_mean(info[name] for info in self._infos if isinstance(info.get(name), int | float))
+            if np.isfinite(mean):
+                self.logger.record(f"episode/{name}", mean)
         terms = {
             TERM + name: sum(info["terms"][name] for info in self._infos) / count for name in self._infos[0]["terms"]
         }
         total = sum(terms.values())
-        score = total if self.score == "return" else float(np.mean([info[self.score] for info in self._infos]))
+        score = total if self.score == "return" else finite_mean(info[self.score] for info in self._infos)
         row = zip(CURVE, (self.num_timesteps, time.perf_counter() - self._start, count, score, total), strict=True)
         self._rows.append({**dict(row), **terms})
         self._infos = []
@@ -125,9 +131,9 @@ class Checkpoint(BaseCallback):
         trained_steps: environment steps that the model has been trained on.
     """
 
-    def __init__(self, path: Path, seconds: float = 30.0):
+    def __init__(self, path: Path, trained_steps: int, seconds: float = 30.0):
         super().__init__()
-        self.path, self.seconds, self.trained_steps = path, seconds, 0
+        self.path, self.trained_steps, self.seconds = path, trained_steps, seconds
 
     def _on_training_start(self) -> None:
         self._last = time.perf_counter()

@@ -1,6 +1,7 @@
 """Training settings of each task, saved with every run, and what a training can be asked for."""
 
 import math
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
@@ -64,8 +65,8 @@ class Request:
     resume: Path | None = None
     """The folder of an earlier run to resume, until its number of timesteps (or the one given) is reached."""
     start: Path | None = None
-    """The folder of a trained run of the task to start from, on whatever body; learning rate, noise and number of
-    timesteps are those of a new run."""
+    """The folder of a trained run of the task to start from, on whatever body; learning rate and number of timesteps
+    are those of a new run."""
     env_options: Mapping[str, Any] = field(default_factory=dict)
     """Keywords of the environment, in training and in evaluations, beside the task's or instead of them. On a flat
     body the upper and the lower muscle of a pair contract together, unless `muscle_groups` is given."""
@@ -77,6 +78,17 @@ class Request:
     """Threads of the updates; None leaves torch as it is."""
     stopped: Callable[[], bool] = bool
     """Returns True to stop as by Ctrl-C: where C calls Python, an exception may be lost."""
+    module: str = ""
+    """The module of a user that has registered the task, for commands that are printed."""
+
+    def training(self, *options: object) -> str:
+        """The command that trains the task with these options."""
+        return shlex.join(map(str, ("fish_env", "train", self.module + ":" * bool(self.module) + self.task, *options)))
+
+    def watching(self, folder: Path) -> str:
+        """The command that plays the policy of a run."""
+        imported = ("--task-module", self.module) if self.module else ()
+        return shlex.join(map(str, ("fish_env", "play", folder, *imported)))
 
 
 RESERVED_OPTIONS = {"self", "id", "task", "num_envs", "seed", "monitor", "staggered", "autoreset_mode", "render_mode"}
@@ -132,6 +144,8 @@ def settings_for(request: Request, resumed: Mapping[str, Any] | None = None) -> 
     for name in request.changes:
         if name not in known:
             raise ValueError(f"unknown setting {name!r}; choose from {', '.join(known)}")
+    if "initial_log_std" in request.changes and (request.start or request.resume):
+        raise ValueError("the noise of a trained policy goes on; initial_log_std is for a new one")
     if resumed is None:
         usual, seed = usual_settings(request.task), 0 if request.seed is None else request.seed
         denser = {name: value for name, value in usual.training_options.items() if name not in request.env_options}

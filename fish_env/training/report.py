@@ -53,4 +53,3 @@ def report(folder: Path, config: TrainConfig, pictures: bool = True) -> None:
         page = write_report([folder], episodes=EPISODES)
         print(f"\nSaved in {folder}: model.zip, policy.npz, config.json, curve.csv, results.json")
         print(f"Read it:  {page}")
-        print(f"Watch it: fish_env play {folder}")

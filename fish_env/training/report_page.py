@@ -247,12 +247,14 @@ def tabulate_metrics(groups: Sequence[Group], score: str) -> str:
                  for group in reversed(groups) for name, scores in group.untrained.items()}  # fmt: skip
     several, rows = len(untrained) > len(groups[0].untrained), []  # environments
     columns += [(long if several else short, scores) for short, long, scores in untrained.values()]
-    for metric in dict.fromkeys([score, *groups[0].episodes[0]]):
-        values = np.concatenate([scores[metric] for _, episodes in columns for scores in episodes])
+    for metric in dict.fromkeys([score, *(name for _, (scores, *_) in columns for name in scores)]):
+        having = [[{metric: np.full_like(scores["return"], np.nan)} | scores for scores in episodes]
+                  for _, episodes in columns]  # fmt: skip
+        values = np.concatenate([scores[metric] for episodes in having for scores in episodes])
         values = values[np.isfinite(values)]
         if metric not in SIGNED and values.size and (metric in SHARES or np.ptp(values)):
             name, times = charts.shown(metric)
-            found = [interval(episodes, metric, np.random.default_rng(0)) for _, episodes in columns]
+            found = [interval(episodes, metric, np.random.default_rng(0)) for episodes in having]
             rows.append((name, *(Interval(*(times * number for number in one)) for one in found)))
     return table(("metric", *(label for label, _ in columns)), rows)
 

@@ -54,7 +54,7 @@ def open_folder(request: Request) -> Iterator[Path]:
     else:
         folder = Path(request.folder)
         if os.path.lexists(folder / "model.zip"):
-            raise ValueError(f"{folder} holds a run; resume it with: fish_env train {request.task} --resume {folder}")
+            raise ValueError(f"{folder} holds a run; resume it with: {request.training('--resume', folder)}")
         writable_folder(folder)
     with (folder / "lock").open("a", encoding="utf-8") as file:
         if fcntl is not None:

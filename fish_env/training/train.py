@@ -2,7 +2,6 @@
 
 import json
 import os
-import shlex
 import tempfile
 from contextlib import closing
 from dataclasses import asdict
@@ -65,16 +64,18 @@ def train(request: Request) -> Path:
         except KeyboardInterrupt:  # it came just then, and the command line hears no second one
             _save(model, folder, about)
             finished = False
-        resume = f"fish_env train {request.task} --resume {folder}"
+        resume, watch = request.training("--resume", folder), f"Watch it: {request.watching(folder)}"
         if not finished:
             print(f"\nStopped after {model.num_timesteps:,} environment steps; the model is saved in {folder}.")
-            print(f"Resume:   {resume}\nWatch it: fish_env play {folder}")
+            print(f"Resume:   {resume}\n{watch}")
             raise Stopped
         try:
             report(folder, config, request.pictures)
         except KeyboardInterrupt:
             print(f"\nStopped while evaluating. The model is saved; evaluate it with: {resume}")
             raise Stopped from None
+        if request.pictures:
+            print(watch)
     return folder
 
 
@@ -97,7 +98,7 @@ def _model(request: Request, config: TrainConfig, seed: int, env: VecEnv, folder
 
 def learn(model: PPO, config: TrainConfig, folder: Path, request: Request) -> bool:
     """Train to the configured number of timesteps; False if Ctrl-C, `stopped` or a full disk stopped it first."""
-    checkpoint, score = Checkpoint(folder / "model.zip"), SCORES.get(request.task, "return")
+    checkpoint, score = Checkpoint(folder / "model.zip", model.num_timesteps), SCORES.get(request.task, "return")
     callbacks = [Progress(score), LearningCurve(folder, score), checkpoint, StopIf(request.stopped)]
     if os.environ.get(PARENT, "").isdigit():  # `train.py all`, which may be killed
         callbacks.append(StopIf(lambda: os.getppid() != int(os.environ[PARENT])))
@@ -170,9 +171,9 @@ def _command(request: Request, config: TrainConfig, seed: int) -> str:
     options: dict[str, Any] = {"seed": seed, "timesteps": config.timesteps, "num-envs": config.num_envs}
     options |= {"start-from": request.start} if request.start else {}
     options |= {"resume": request.resume} if request.resume else {}
-    words = ["fish_env", "train", request.task, *(word for name in options for word in (f"--{name}", options[name]))]
+    words = [word for name in options for word in (f"--{name}", options[name])]
     settings = {name: value for name, value in request.changes.items() if name not in ("timesteps", "num_envs")}
     for name, changed in (("env-kwargs", request.env_options), ("hyperparameters", settings)):
         if changed:
             words += [f"--{name}", *(f"{key}={json.dumps(value)}" for key, value in changed.items())]
-    return shlex.join(map(str, words))
+    return request.training(*words)
