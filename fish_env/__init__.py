@@ -35,7 +35,6 @@ __all__ = [
     "prescribe",
 ]  # fmt: skip
 
-
 if TYPE_CHECKING:
     from fish_env.soft.midline import prescribe
     from fish_env.soft.room import make_world

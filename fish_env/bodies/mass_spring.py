@@ -248,17 +248,11 @@ def check_parameters(
         standard["layer_position"] = layers_for(read_outline(outline), standard["layer_position"])
     p = MassSpringParameters(**(standard | (own or {}) | parameters))
     check_length(p.length)
-    return p if p.length == REFERENCE_LENGTH else _of_size(p, parameters)
-
-
-def _of_size(p: MassSpringParameters, given: dict) -> MassSpringParameters:
-    """Parameters with times that suit the length, but for those that were given."""
+    if p.length == REFERENCE_LENGTH:
+        return p
     slower = slowness(p.length / REFERENCE_LENGTH)
-    times = {
-        "contraction_time": slower * p.contraction_time,
-        "time_step": p.time_step / step_parts(p.length),
-    }
-    return replace(p, **{name: time for name, time in times.items() if name not in given})
+    times = {"contraction_time": slower * p.contraction_time, "time_step": p.time_step / step_parts(p.length)}
+    return replace(p, **{name: time for name, time in times.items() if name not in parameters})
 
 
 def make_mass_spring(water=None, **parameters) -> Fish:

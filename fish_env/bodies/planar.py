@@ -109,8 +109,7 @@ def project_stiffness(p):
         muscles' part of the chord.
     """
     along = p.length * np.diff([0.0, *p.layer_position, 1.0])
-    width = p.length * np.array([0.0, *p.half_width, 0.0])
-    depth = p.length * np.array([0.0, *p.half_depth, p.tail_half_span])
+    _, width, depth = layers_of(p)
     cross, muscle, other = np.array(p.stiffness) * (p.length / tu.REFERENCE_LENGTH)
     taper = np.array(p.taper)
     front, back = (width[:-1], depth[:-1]), (width[1:], depth[1:])
@@ -173,11 +172,8 @@ def surface(p):
 
 def landmarks(p) -> Landmarks:
     """The default fish's nodes, as far above or below the flat one's as they lie on it."""
-    points, mass = tu.shape(p), tu.masses(p)
-    flat = shape(p)
-    flat[:, 2] = 0.0
+    points, flat = tu.shape(p), shape(p)
     level = points * (1.0, 1.0, 0.0)
     node = np.array([np.argmin(np.linalg.norm(flat - point, axis=1)) for point in level])
     pairs, classes, _, faces = tu.topology()
-    mirror = tu.mirror_nodes()
-    return Landmarks(node, points[:, 2].copy(), mass, faces, pairs[classes == tu.MUSCLE], mirror)
+    return Landmarks(node, points[:, 2].copy(), tu.masses(p), faces, pairs[classes == tu.MUSCLE], tu.mirror_nodes())

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fish_env.checks import fits_memory, representable
-from fish_env.control.files import replacing, writable_file
+from fish_env.control.files import writable_file, write_text
 from fish_env.control.recording import Recording, env_of
 from fish_env.control.video import SLOWDOWN, SPEED, VIDEOS, load_writer, write_video
 from fish_env.envs import FishEnv
@@ -70,9 +70,7 @@ def write_film(recordings: Recording | Sequence[Recording], path: str | Path) ->
     path = writable_file(path, (PAGE, *VIDEOS))
     found = [recordings] if isinstance(recordings, Recording) else list(recordings)
     if path.suffix.lower() == PAGE:
-        text = film_text(found)
-        with replacing(path) as partial:
-            partial.write_text(text, encoding="utf-8")
+        write_text(path, film_text(found))
     else:
         load_writer(path)
         with representable("the film"):
@@ -175,26 +173,19 @@ def page_text(film: FilmData) -> str:
     }
     text = (HERE / "film.html").read_text(encoding="utf-8")
     script = "".join(part.read_text(encoding="utf-8") for part in SCRIPTS)
-    parts = {"/*SCRIPT*/": script, "/*DATA*/": json.dumps(data).replace("</", "<\\/")}  # no end of the script within it
-    for place, part in parts.items():
-        text = text.replace(place, part)
-    return text
+    packed = json.dumps(data).replace("</", "<\\/")  # no end of the script within it
+    return text.replace("/*SCRIPT*/", script).replace("/*DATA*/", packed)
 
 
 def _pack_episode(one: FilmEpisode, every: int) -> dict[str, Any]:
     """Every so many-th state of an episode, as JSON."""
     size = np.linalg.norm(one.command, axis=1, keepdims=True)
+    numbers = {
+        "points": one.points, "centre": one.centre, "speed": one.speed[:, None], "gained": one.gained[:, None],
+        "command": one.command / np.maximum(size, 1e-300), "spheres": one.spheres,
+    }  # fmt: skip
     return {
-        "title": one.title,
-        "note": one.note,
-        "interval": every * one.interval,
-        "states": len(one.points[::every]),
-        "points": pack_numbers(one.points[::every]),
-        "centre": pack_numbers(one.centre[::every]),
-        "speed": pack_numbers(one.speed[::every, None]),
-        "gained": pack_numbers(one.gained[::every, None]),
+        "title": one.title, "note": one.note, "interval": every * one.interval, "states": len(one.points[::every]),
         "contraction": as_text((255 * one.contraction[::every]).round().astype(np.uint8)),
-        "command": pack_numbers((one.command / np.maximum(size, 1e-300))[::every]),
-        "spheres": pack_numbers(one.spheres[::every]),
         "sphereCount": one.spheres.shape[1],
-    }
+    } | {name: pack_numbers(part[::every]) for name, part in numbers.items()}  # fmt: skip

@@ -193,8 +193,3 @@ def scaled_turns(table: Table, angle: np.ndarray) -> np.ndarray:
 def spread(fish: Fish, pairs: np.ndarray) -> np.ndarray:
     """Contractions (B,M) of the muscles, for those of segments and sides (B,3,2): the upper as the lower."""
     return pairs[:, fish.thirds, np.where(fish.sides > 0, 0, 1)]
-
-
-def glide_mc(num_fish: int) -> np.ndarray:
-    """glide-MC: every muscle relaxed, (B,3,2)."""
-    return np.zeros((num_fish, 3, 2))

@@ -12,7 +12,7 @@ from gymnasium.spaces import Box
 from fish_env.checks import as_floats, check_names, similar
 from fish_env.control.env_spec import check_environment
 from fish_env.control.exchange import onnx_model, read_onnx, write_onnx, write_torchscript
-from fish_env.control.files import check_arrays, read_about, read_npz, replacing
+from fish_env.control.files import check_arrays, read_about, read_npz, replacing, writable_file
 from fish_env.envs.layout import LAYOUT_VERSION
 from fish_env.kernels.data import data
 
@@ -21,7 +21,6 @@ FORMAT = 3
 
 PRETRAINED = data("fish_env.control", "pretrained")
 """Folder of the shipped policies: <task>/policy.npz, with the settings of its training in <task>/config.json."""
-
 
 HIDDEN = {"tanh": np.tanh, "relu": lambda h: np.maximum(h, 0.0)}
 """Activations of the hidden layers."""
@@ -103,14 +102,14 @@ class Policy:
 
         ImportError without onnx, of the extra [onnx]; ValueError for another ending.
         """
-        write_onnx(self.parts(), _checked_ending(path, ".onnx"))
+        write_onnx(self.parts(), writable_file(path, (".onnx",)))
 
     def to_torchscript(self, path: str | Path) -> None:
         """Write a TorchScript module from observations (B,D) to actions (B,A), float32, for `torch.jit.load`.
 
         ImportError without torch, of the extra [train]; ValueError for another ending than `.pt`.
         """
-        write_torchscript(self.parts(), _checked_ending(path, ".pt"))
+        write_torchscript(self.parts(), writable_file(path, (".pt",)))
 
     def parts(self) -> dict[str, Any]:
         """All that its file holds, by name: texts, whole numbers and arrays."""
@@ -122,13 +121,6 @@ class Policy:
         parts |= {f"weight{k}": weight for k, weight in enumerate(self.weights)}
         parts |= {f"bias{k}": bias for k, bias in enumerate(self.biases)}
         return parts if self.normalisation is None else parts | self.normalisation._asdict()
-
-
-def _checked_ending(path: str | Path, ending: str) -> Path:
-    path = Path(path)
-    if path.suffix.lower() != ending:
-        raise ValueError(f"the file {path} ends in {path.suffix!r}; give a name that ends in {ending}")
-    return path
 
 
 def shipped_policies() -> dict[str, Path]:

@@ -42,7 +42,6 @@ TRAINING: dict[str, Any] = {
 }  # fmt: skip
 """A distribution to train under: keywords of the environment, and `noise`, a share of each part's typical change."""
 
-
 VERSION = 1
 """Version of the protocol for learners: scores of one version can be compared."""
 
@@ -56,9 +55,7 @@ TASKS = {
 BUDGETS, SEEDS = (100_000, 1_000_000, 4_000_000), (0, 1, 2, 3, 4)
 """Environment steps of a training, and seeds."""
 
-LEVELS: dict[str, dict[str, Any]] = {
-    "easy": {}, "medium": TRAINING, "hard": TRAINING | {"observation": "sensors"},
-}  # fmt: skip
+LEVELS: dict[str, dict[str, Any]] = {"easy": {}, "medium": TRAINING, "hard": TRAINING | {"observation": "sensors"}}
 """Keywords of the environments: as registered; noise, delays and variation; the same, seen by sensors alone. A hard
 LeftAfterRight has twice the `severity`."""
 
@@ -163,10 +160,8 @@ def evaluate_held_out(
         FileNotFoundError: if there is no such policy.
         ValueError: for a policy of another environment than the package's, or a number of episodes that is not allowed.
     """
-    loaded, episodes = (
-        policy if isinstance(policy, Policy) else load_policy(policy),
-        checked_count(episodes, "episodes"),
-    )
+    loaded = policy if isinstance(policy, Policy) else load_policy(policy)
+    episodes = checked_count(episodes, "episodes")
     options, rows = dict(loaded.about.get("env_options", {})), []
     registered = gym.registry[loaded.about["env_id"]].kwargs if loaded.about.get("env_id") in gym.registry else {}
     for condition in conditions:

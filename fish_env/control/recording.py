@@ -26,7 +26,6 @@ FORMAT = 1
 KIND = "fish_env recording"
 ENDING = ".npz"
 
-
 ABOUT = {
     "env_id": str, "env_options": dict, "seed": int, "options": dict, "control_interval": float, "length": float,
     "term_names": list, "versions": dict,

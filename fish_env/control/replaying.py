@@ -120,8 +120,7 @@ def _run(env: gym.Env, bare: FishEnv, about: Mapping[str, Any], act: Controller,
         ends.append(terminated)
     count = max(len(state["spheres"]) for state in states)
     for state in states:
-        missing = count - len(state["spheres"])
-        state["spheres"] = np.concatenate([state["spheres"], np.zeros((missing, 4))])
+        state["spheres"] = np.pad(state["spheres"], ((0, count - len(state["spheres"])), (0, 0)))
     return Recording(
         about=about,
         action=np.array(actions).reshape(-1, *size),

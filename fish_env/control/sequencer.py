@@ -11,17 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fish_env.bodies.fitted import level_of
-from fish_env.control.motor import (
-    MotorTables,
-    Table,
-    glide_mc,
-    load_tables,
-    scaled_turns,
-    spread,
-    start_mc,
-    swim_mc,
-    turn_mc,
-)
+from fish_env.control import motor
+from fish_env.control.motor import MotorTables
 from fish_env.envs import FishVectorEnv, Layout
 from fish_env.tasks.avoid import AvoidTask
 from fish_env.tasks.fast_start import FastStartTask
@@ -87,8 +78,7 @@ class Sequencer:
         self.aim, self.tables, self.config, self.interval = aim, tables, config, env.control_interval
         self.muscle = env.first_muscle_of_group
         self.can_pitch = self.muscle.size == fish.num_muscles  # pairs contract above and below together
-        height = fish.heights
-        self.fish, self.level = fish, np.where(height > 0, 0, 1)
+        self.fish, self.level = fish, np.where(fish.heights > 0, 0, 1)
         self.window = max(1, round(config.beat / self.interval))
 
     def __call__(self, obs: np.ndarray, time: float) -> np.ndarray:
@@ -138,7 +128,7 @@ class Sequencer:
         """Begin a turn by `wanted` (B,) rad, or by as much of it as the table has, for the fish of the mask (B,)."""
         table = self.tables.turns.values
         size = np.minimum(np.abs(wanted), table[-1, 0])
-        rows = scaled_turns(self.tables.turns, size)
+        rows = motor.scaled_turns(self.tables.turns, size)
         side = np.sign(wanted)
         self.rows = np.where(which[:, None], rows, self.rows)
         self.side = np.where(which, side, self.side)
@@ -154,16 +144,16 @@ class Sequencer:
         swims[self.turning] = self.tables.swims.values[-1]
         self.since += self.interval
         self.beats += self.interval * swims[:, (2, 4)]
-        bend, part = turn_mc(self.rows, self.side, self.since)
+        bend, part = motor.turn_mc(self.rows, self.side, self.since)
         part = np.maximum(part, config.strokes)
         trim = np.clip(config.trim * self.mean_error(), -config.max_trim, config.max_trim) * ~self.turning
-        pairs = bend + part[:, None, None] * swim_mc(self.tables, swims, self.beats)
+        pairs = bend + part[:, None, None] * motor.swim_mc(self.tables, swims, self.beats)
         pairs[:, :2, 0] += np.maximum(trim, 0.0)[:, None]
         pairs[:, :2, 1] += np.maximum(-trim, 0.0)[:, None]
-        pairs[(aim.speed <= 0.0) & ~self.turning] = glide_mc(1)
+        pairs[(aim.speed <= 0.0) & ~self.turning] = 0.0  # glide-MC: every muscle relaxed
         pitch = np.clip(config.pitch * aim.climb, -config.max_pitch, config.max_pitch) * self.can_pitch
         lift = np.maximum(np.stack([pitch, -pitch], axis=1), 0.0)
-        return np.clip(spread(self.fish, pairs) + lift[:, self.level], 0.0, 1.0)
+        return np.clip(motor.spread(self.fish, pairs) + lift[:, self.level], 0.0, 1.0)
 
 
 class FastStartSequencer(Sequencer):
@@ -174,7 +164,7 @@ class FastStartSequencer(Sequencer):
             raise ValueError(
                 "the tables of the motor controllers have no fast starts; search them: python -m benchmarks.calibrate"
             )
-        self.starts: Table = tables.starts
+        self.starts: motor.Table = tables.starts
         super().__init__(env, aim, tables, config)
 
     def reset(self, error: np.ndarray) -> None:
@@ -192,12 +182,12 @@ class FastStartSequencer(Sequencer):
         self.start = np.where(new[:, None], self.starts.at(np.abs(aim.error)), self.start)
         self.start_side = np.where(new, np.where(aim.error < 0.0, -1.0, 1.0), self.start_side)
         self.elapsed = np.where(new, 0.0, self.elapsed) + self.interval
-        pairs, going = start_mc(self.start, self.start_side, self.elapsed)
+        pairs, going = motor.start_mc(self.start, self.start_side, self.elapsed)
         self.turning &= ~going  # what it has seen until now is no reason to turn
         self.errors[going] = aim.error[going, None]
         phase = self.start[:, 9] + 0.25 * (1.0 - self.start_side)  # the mirror image: half a beat later
         self.beats = np.where(going[:, None], phase[:, None], self.beats)
-        return np.where(going[:, None], spread(self.fish, pairs), usual)
+        return np.where(going[:, None], motor.spread(self.fish, pairs), usual)
 
 
 def bearing(vector: np.ndarray) -> np.ndarray:
@@ -310,7 +300,7 @@ def scripted(env: FishVectorEnv, tables: MotorTables | None = None, config: Sequ
     standard, aim_of = SEQUENCERS[kind]
     aim = partial(aim_of(env, env.task), layout=env.layout)
     make = FastStartSequencer if kind is FastStartTask else Sequencer
-    tables = load_tables(water=level_of(env.tank.world)) if tables is None else tables
+    tables = motor.load_tables(water=level_of(env.tank.world)) if tables is None else tables
     return make(env, aim, tables, standard if config is None else config)
 
 

@@ -42,9 +42,8 @@ def write_video(frames: list[np.ndarray], fps: float, path: str | Path) -> None:
         pictures = [writer.fromarray(frame).reduce(2 if frame.shape[1] > WIDEST else 1) for frame in frames]
         if path.suffix.lower() == ".gif":
             palette = pictures[0].quantize(COLOURS, method=writer.Quantize.MAXCOVERAGE)  # rare colours, muscles, too
-            pictures = [
-                picture.quantize(palette=palette, dither=writer.Dither.NONE) for picture in pictures
-            ]  # what stands still is free
+            # without dither, what stands still is free
+            pictures = [picture.quantize(palette=palette, dither=writer.Dither.NONE) for picture in pictures]
         pictures[0].save(
             partial, save_all=True, append_images=pictures[1:], duration=round(1000 / fps), loop=0, quality=60
         )

@@ -201,11 +201,6 @@ class PartMaker:
         ]
         return self(name, unit, limit, typical, labels, partner=fish.mirrored_muscles)
 
-    def directions(self, directions: Sequence[Direction]) -> Iterator[Part]:
-        """The vectors of the task."""
-        for direction in directions:
-            yield self.vector(direction.name, direction.unit, direction.limit, direction.typical)
-
 
 def make_parts(make: PartMaker, fish: Fish, directions: Sequence[Direction]) -> Iterator[Part]:
     """The parts of "nodes", in order. This is where the order and the scales are decided."""
@@ -214,7 +209,7 @@ def make_parts(make: PartMaker, fish: Fish, directions: Sequence[Direction]) -> 
     yield make.nodes("velocity", "body lengths/s", 1000.0, TYPICAL_VELOCITY)
     yield make.muscles("rest length", MUSCLE_UNIT, 1.0, 1.0)
     yield make.vector("vertical", FRAME, 1.0, TYPICAL_TILT, np.array([0.0, 0.0, 1.0]))
-    yield from make.directions(directions)
+    yield from (make.vector(*direction) for direction in directions)
 
 
 def make_sensor_parts(make: PartMaker, fish: Fish, directions: Sequence[Direction]) -> Iterator[Part]:
@@ -229,7 +224,7 @@ def make_sensor_parts(make: PartMaker, fish: Fish, directions: Sequence[Directio
     labels = [f"pressure, segment {face // 2}, {('left', 'right')[face % 2]}" for face in faces]
     scale = DYNAMIC_PRESSURE * fish.length**2
     yield make("pressure", "Pa", 1000.0 * scale, scale, labels, partner=faces ^ 1)
-    yield from make.directions(directions)
+    yield from (make.vector(*direction) for direction in directions)
 
 
 def stations(fish: Fish) -> tuple[np.ndarray, np.ndarray]:

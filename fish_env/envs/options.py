@@ -123,7 +123,7 @@ def call_each(env, name: str, which: Iterable[int], *args, **kwargs) -> list[Any
     which = list(which)
     if name == "reset":
         return reset_each(env, which, *args, **kwargs)
-    found = found_in(env, name)
+    found: Any = found_in(env, name)
     if name == "compute_reward":  # for each of them the same, as of `SyncVectorEnv`
         return [found(*args, **kwargs) for _ in which]
     if name in ("episode_info", "step_info", "state_info"):

@@ -169,7 +169,7 @@ class FishEnv(Keywords, gym.Env):
         self.fish.close()
 
 
-def limits_of(env: gym.Env) -> list[TimeLimit]:
+def limits_of(env: gym.Env) -> list[Any]:
     """The time limits round an environment through which its `reset` is called, which is being called."""
     # Gymnasium does not tell an environment what is wrapped round it, so they are looked for among the callers.
     found, frame = [], sys._getframe(1)

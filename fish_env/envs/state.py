@@ -134,10 +134,7 @@ class Rows:
             late = rows[~episodes._begun[rows]].tolist()
             raise ResetNeeded(f"get_state was called before reset of the fish {late}; call env.reset() first")
         pairs = (*self.views.items(), *self.replaceable()) if self.loose else self.views.items()
-        if indices is None:
-            arrays = {name: view.copy() for name, view in pairs}
-        else:
-            arrays = {name: view[rows] for name, view in pairs}
+        arrays = {name: view.copy() if indices is None else view[rows] for name, view in pairs}
         generators = episodes._generators
         return FishState(self.about, arrays, tuple(generators[i].bit_generator.state for i in rows.tolist()))
 

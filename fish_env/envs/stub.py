@@ -17,9 +17,8 @@ class StubVectorEnv(FishVectorEnv):
 
     def _compile(self):
         super()._compile()
-        self._measure_and_observe = make_measure_and_observe(
-            self._kernels, self._sensing
-        )  # a kernel, which runs as Python
+        # a kernel, which runs as Python
+        self._measure_and_observe = make_measure_and_observe(self._kernels, self._sensing)
         self._step = None
 
     def _move(self):

@@ -25,7 +25,6 @@ VARIATIONS: dict[str, Option] = {
 }
 """Keys of the keyword `variation` and, in addition to the task's own, of `reset(options=...)`."""
 
-
 FACTORS = ("stiffness", "mass", "drag", *(f"current {k}" for k in "xyz"), "strength", "contraction_time", "length")
 """What a privileged observation ends with: factors of the fish (on stiffness over squared length), its current, m/s."""
 

@@ -72,12 +72,8 @@ class Upload:
     def _copy(self, memory: np.ndarray, axis: int | None):
         key = memory.ctypes.data, memory.nbytes
         if key not in self._placed:
-            if axis is None:
-                self._placed[key] = self._place(memory)
-            else:
-                shape = list(memory.shape)
-                shape[axis] = self._num_fish
-                self._placed[key] = self._place(tuple(shape), memory.dtype)
+            shape = None if axis is None else (*memory.shape[:axis], self._num_fish, *memory.shape[axis + 1 :])
+            self._placed[key] = self._place(memory) if shape is None else self._place(shape, memory.dtype)
         return self._placed[key]
 
     def of(self, value):

@@ -9,7 +9,6 @@ import numpy as np
 from fish_env.checks import finite_array, node_array, positive_array, representable
 from fish_env.physics import forces
 from fish_env.physics.elements import check_outward
-from fish_env.physics.failures import FAILURES  # noqa: F401 - also importable from here
 from fish_env.physics.linalg import ldlt, rates
 from fish_env.physics.records import Barriers, Body, Compartments, Faces, Sections, Springs, Tets
 

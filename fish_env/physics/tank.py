@@ -362,11 +362,6 @@ class Tank(ReadOnly, Generic[Elastic]):
         """Stop the threads; they restart when needed."""
         self._threads.close()
 
-    @property
-    def fibre_length(self) -> np.ndarray:
-        """Natural length of each fibre, (K,) m."""
-        return self._fibres[2]
-
     def get_state(self) -> dict[str, np.ndarray]:
         """Copies of all that determines the further motion, and of what was counted.
 

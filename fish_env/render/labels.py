@@ -60,13 +60,11 @@ class Format(NamedTuple):
     def place(self, rect: pygame.Rect) -> pygame.Rect:
         """Where a part of the standard picture lies in this one, as far from the nearest corner."""
         x, y, width, height = (round(self.part * number) for number in rect)
-        right, low = rect.centerx > WIDTH / 2, rect.centery > HEIGHT / 2
-        return pygame.Rect(
-            self.width - round(self.part * (WIDTH - rect.x)) if right else x,
-            self.height - round(self.part * (HEIGHT - rect.y)) if low else y,
-            width,
-            height,
-        )
+        if rect.centerx > WIDTH / 2:
+            x = self.width - round(self.part * (WIDTH - rect.x))
+        if rect.centery > HEIGHT / 2:
+            y = self.height - round(self.part * (HEIGHT - rect.y))
+        return pygame.Rect(x, y, width, height)
 
 
 def enlarged(rect: pygame.Rect) -> pygame.Rect:
@@ -131,12 +129,7 @@ def legend(size: tuple[int, int]) -> pygame.Surface:
         colour = FLANK + (x - left) / (right - left) * (CONTRACTED - FLANK)
         pygame.draw.line(large, colour.astype(int).tolist(), (x, low - 74 * part), (x, low - 58 * part))
     picture = pygame.transform.smoothscale(large, size)
-    for words, x, y in (
-        ("relaxed", 0.0, 80),
-        ("muscle", 0.5, 80),
-        ("contracted", 1.0, 80),
-        ("1 body length", 0.5, 45),
-    ):
+    for words, x, y in (("relaxed", 0.0, 80), ("muscle", 0.5, 80), ("contracted", 1.0, 80), ("1 body length", 0.5, 45)):
         image = text(words, round(18 * part))
         picture.blit(image, (inside + x * (bar - image.get_width()), form.height - round(y * part)))
     return picture

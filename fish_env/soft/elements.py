@@ -40,11 +40,8 @@ def make_tets(position, nodes, young, poisson, relaxation_time: Any = 0.0, strai
     count = len(nodes)
     once = np.sort(nodes, axis=1)
     _refuse(nodes, (once[:, 1:] == once[:, :-1]).any(axis=1), "names a node twice; give four different nodes")
-    _refuse(
-        nodes,
-        ~np.isin(np.arange(count), np.unique(once, axis=0, return_index=True)[1]),
-        "is there twice; give every element once",
-    )
+    kept = np.unique(once, axis=0, return_index=True)[1]
+    _refuse(nodes, ~np.isin(np.arange(count), kept), "is there twice; give every element once")
     edge = position[nodes[:, 1:]] - position[nodes[:, :1]]
     volume = np.linalg.det(edge) / 6
     size = np.linalg.norm(edge, axis=2).max(axis=1, initial=0.0)

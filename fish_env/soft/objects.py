@@ -37,8 +37,6 @@ SPHERE = TwoLayers(
     nodes=66, mass=0.3, inner_mass=0.15, stiffness=75.0, inner_stiffness=50.0, radius_stiffness=40.0,
     shear_stiffness=10.0, pressure=600.0, gap_pressure=400.0, barrier_energy=0.05,
 )  # fmt: skip
-
-
 GLOBE = replace(
     SPHERE, nodes=86, stiffness=150.0, inner_stiffness=100.0, barrier_energy=0.3,  # few springs carry the pressure
 )  # fmt: skip

@@ -52,16 +52,15 @@ def make_tetrahedral(
     marks = landmarks(mesh, level, tu.masses(p))
     pairs, stiffness, muscles = fibres(p, marks)
     natural = np.linalg.norm(mesh.position[pairs[:, 0]] - mesh.position[pairs[:, 1]], axis=1)
-    mass, edges = masses(p, mesh, lumping), corner_lines(mesh)[:, 1:-1].reshape(2, -1)
+    mass, lines = masses(p, mesh, lumping), corner_lines(mesh)[:, 1:-1]
     planes = [np.unique(plane) for plane in mesh.number]
-    sections = make_sections(mesh.position, mass, planes, edges, outline_of(p).stations, fin=level)
+    sections = make_sections(mesh.position, mass, planes, lines.reshape(2, -1), outline_of(p).stations, fin=level)
     body = make_body(
         mesh.position, mass, pairs, stiffness, p.relaxation_time * stiffness, natural,
         mesh.faces, tets=tets, sections=sections,
     )  # fmt: skip
     _, classes, section, _ = tu.topology()
     segments = section[classes == tu.MUSCLE].astype(int) - 1
-    lines = corner_lines(mesh)[:, 1:-1]
     mirror = np.array([np.argmin(((mesh.position * (1, -1, 1) - at) ** 2).sum(axis=1)) for at in mesh.position])
     return Fish(
         name="tetrahedral", body=body, muscles=muscles, sides=np.where(np.isin(marks.muscles[:, 0], tu.LEFT), 1, -1),

@@ -21,13 +21,8 @@ from fish_env.physics.records import Body
 from fish_env.soft.elements import fill, make_barriers
 from fish_env.soft.skins import Skin, edges_of, layer_springs
 
-WITHIN = [
-    [],
-    [0, 1, 2, 3, 4],
-    *tu.LAYERS[2:5],
-    [17, 18, 19, 20, 21, 22],
-    [],
-]  # inner nodes by the outer layer they lie at
+WITHIN = [[], [0, 1, 2, 3, 4], *tu.LAYERS[2:5], [17, 18, 19, 20, 21, 22], []]
+"""Inner nodes by the outer layer they lie at."""
 SECTIONS = [[*layer, *(23 + node for node in inner)] for layer, inner in zip(tu.LAYERS, WITHIN, strict=True)]
 REACH = 0.1  # how far the inner skin reaches into the head and into the tail fin, which have no cavity
 

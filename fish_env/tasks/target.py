@@ -118,11 +118,7 @@ class TargetTask(CompiledTask):
     )
     touchable = True  # pictures show its spheres as targets
     write_vectors, write_terms = write_vectors, write_terms
-    weights = {
-        "alignment_weight": ALIGNMENT_WEIGHT,
-        "reach_bonus": REACH_BONUS,
-        "effort_weight": rewards.EFFORT_WEIGHT,
-    }
+    weights = {"alignment_weight": ALIGNMENT_WEIGHT, "reach_bonus": REACH_BONUS, "effort_weight": rewards.EFFORT_WEIGHT}
     settable: tuple[str, ...] = ("distance", "bearing", *weights)
 
     def __new__(cls, *_, goal_env: bool = False, **__):

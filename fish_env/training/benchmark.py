@@ -21,19 +21,11 @@ from stable_baselines3.common.vec_env import VecEnv
 from tqdm import tqdm
 
 from fish_env.checks import check_names, is_whole
+from fish_env.control import protocols
 from fish_env.control.console import import_from_here
 from fish_env.control.evaluation import EPISODES, FIRST_SEED, PolicyLike, checked_episodes, evaluate, make_eval_env
 from fish_env.control.files import write_text
-from fish_env.control.protocols import (
-    BUDGETS,
-    LEVELS,
-    SEEDS,
-    TASKS,
-    VERSION,
-    held_out_return,
-    level_options,
-    normalised_score,
-)  # fmt: skip
+from fish_env.control.protocols import BUDGETS, LEVELS, SEEDS, TASKS, VERSION, held_out_return, level_options
 from fish_env.control.statistics import Scores, interval, mean_over_seeds
 from fish_env.envs import FishVectorEnv, make_sb3_vec_env
 from fish_env.physics.tank_options import checked_count
@@ -255,16 +247,15 @@ def _score_row(learner: str, runs: Sequence[Mapping[str, Any]]) -> dict[str, Any
     scores: list[Scores] = [
         {name: np.array(run[f"{name}s"], dtype=float) for name in ("return", "metric")} for run in runs
     ]
-    score, low, high = (
-        normalised_score(task, level, value) for value in interval(scores, "return", np.random.default_rng(0))
-    )
+    ends = interval(scores, "return", np.random.default_rng(0))
+    score, low, high = (protocols.normalised_score(task, level, value) for value in ends)
     failed, held_out, seconds = (
         float(np.mean([run[name] for run in runs])) for name in ("failed", "held_out", "processor_seconds")
     )
     numbers = {
         "score": score, "low": low, "high": high, "return": mean_over_seeds(scores, "return"),
         "value": mean_over_seeds(scores, "metric"), "failed": failed,
-        "held_out": normalised_score(task, level, held_out), "seconds": seconds,
+        "held_out": protocols.normalised_score(task, level, held_out), "seconds": seconds,
     }  # fmt: skip
     about = {"learner": learner, "task": task, "level": level, "steps": steps, "seeds": len(runs)}
     return about | {"metric": TASKS[task][1]} | {name: round(value, 3) for name, value in numbers.items()}

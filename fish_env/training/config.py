@@ -99,7 +99,6 @@ MAX_COUNT = 2**53  # of any count: more are not told apart as floats, which logs
 MAX_LAYERS = 100
 SAMPLE, WEIGHT = 1024, 64  # bytes, about: a step of a fish in the buffer; a weight with what Adam keeps of it
 
-
 DENSER = {"max_episode_steps": 150, "wait": (0.3, 1.0)}
 """Sooner turns in shorter episodes: more turns in every second. Alignment counts more: the largest return is slow."""
 TURNS = {"timesteps": 6_000_000, "horizon": 2.0, "twist": False}
@@ -149,12 +148,8 @@ def settings_for(request: Request, resumed: Mapping[str, Any] | None = None) -> 
     if resumed is None:
         usual, seed = usual_settings(request.task), 0 if request.seed is None else request.seed
         denser = {name: value for name, value in usual.training_options.items() if name not in request.env_options}
-        given: dict[str, Any] = {
-            "env_options": {**usual.env_options, **request.env_options},
-            "training_options": denser,
-        }
-        given |= {} if request.start is None else FINE_TUNING
-        given |= request.changes
+        options, tuned = {**usual.env_options, **request.env_options}, {} if request.start is None else FINE_TUNING
+        given: dict[str, Any] = {"env_options": options, "training_options": denser, **tuned, **request.changes}
         config = replace(usual, **given)
     else:
         if request.env_options or request.start is not None:
@@ -175,11 +170,7 @@ def settings_for(request: Request, resumed: Mapping[str, Any] | None = None) -> 
 
 
 def usual_settings(task: str) -> TrainConfig:
-    """The settings of a key of `CONFIGS`, or the usual ones for the id of another registered environment.
-
-    Raises:
-        ValueError: for anything else.
-    """
+    """The settings of a key of `CONFIGS`, or the usual ones for another registered environment; else ValueError."""
     if task not in CONFIGS and task not in gym.registry:
         raise ValueError(
             f"unknown task {task!r}; choose from {', '.join(CONFIGS)}, or give the id of an environment of yours, with "
@@ -189,11 +180,7 @@ def usual_settings(task: str) -> TrainConfig:
 
 
 def settings_of(record: dict[str, Any]) -> TrainConfig:
-    """The settings that `config.json` of a run holds, as JSON gave them back.
-
-    Raises:
-        ValueError: if they are of another version of this program, of another kind, or not allowed.
-    """
+    """The settings in `config.json` of a run; ValueError if they are of another version or kind, or not allowed."""
     values: dict[str, Any] = {name: as_tuples(value) for name, value in record.items()}
     try:
         config = TrainConfig(**values)
@@ -213,10 +200,8 @@ def check_settings(config: TrainConfig) -> None:
             counts = isinstance(value, tuple) and 1 <= len(value) <= MAX_LAYERS
             fits, wanted = counts and all(is_whole(each) and 1 <= each <= MAX_COUNT for each in value), "whole numbers"
         elif type(usual) is int:
-            fits, wanted = (
-                is_whole(value) and 1 <= value <= MAX_COUNT,
-                f"a whole number, at least 1 and at most {MAX_COUNT}",
-            )
+            fits = is_whole(value) and 1 <= value <= MAX_COUNT
+            wanted = f"a whole number, at least 1 and at most {MAX_COUNT}"
         else:
             fits, wanted = isinstance(value, type(usual)), f"a {type(usual).__name__}"
         if not fits:

@@ -67,12 +67,6 @@ def svg(figure: Figure) -> str:
     return re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text)
 
 
-def show_zero(axes: Axes) -> None:
-    """Extend both axes to zero, so that a small change looks small."""
-    for (low, high), change in ((axes.get_xlim(), axes.set_xlim), (axes.get_ylim(), axes.set_ylim)):
-        change(1.05 * min(0.0, low), 1.05 * max(0.0, high))
-
-
 def draw_learning_curves(groups: Sequence[list[dict[str, np.ndarray]]], metric: str) -> list[str]:
     """Draw score, return and the terms of the reward that are not always zero, each against environment steps.
 
@@ -96,7 +90,8 @@ def draw_learning_curves(groups: Sequence[list[dict[str, np.ndarray]]], metric: 
                 between = np.linspace(first, max(first, last), 150)
                 levels = np.array([np.interp(between, *line) for line in every])
                 axes.plot(between, np.apply_along_axis(interquartile_mean, 0, levels), color=colour, lw=2.0)
-        show_zero(axes)
+        for (low, high), change in ((axes.get_xlim(), axes.set_xlim), (axes.get_ylim(), axes.set_ylim)):
+            change(1.05 * min(0.0, low), 1.05 * max(0.0, high))  # a small change looks small
         axes.set(xlabel="environment steps", title=title)
         axes.xaxis.set_major_formatter(EngFormatter())  # 2 M, without a factor beside the axis
         axes.xaxis.set_major_locator(MaxNLocator(5))

@@ -16,7 +16,7 @@ from fish_env.bodies import Fish
 from fish_env.control import Policy, Recording, Scores, load_policy, make_policy_env, record
 from fish_env.control.env_spec import make_checked_env
 from fish_env.control.evaluation import EPISODES, FIRST_SEED, checked_episodes, environment_for, evaluate
-from fish_env.control.files import replacing, writable_file
+from fish_env.control.files import writable_file, write_text
 from fish_env.control.film import FilmEpisode, film_data, film_text
 from fish_env.control.statistics import SHARES, SIGNED, Interval, interval
 from fish_env.kernels.data import data
@@ -101,18 +101,13 @@ def write_report(folders: Sequence[str | Path], path: Path | None = None, episod
     title = f"{first['task']}, seed {first['seed']}" if len(runs) == 1 else f"{len(runs)} training runs"
     about = (f"Every policy is measured in {episodes} episodes without exploration noise, with the seeds from "
              f"{FIRST_SEED:,} on, which no training uses. BL is a body length.")  # fmt: skip
-    with replacing(path) as partial:
-        page = TEMPLATE.read_text(encoding="utf-8").format(title=escape(title), about=about, sections="".join(sections))
-        partial.write_text(page, encoding="utf-8")
+    page = TEMPLATE.read_text(encoding="utf-8").format(title=escape(title), about=about, sections="".join(sections))
+    write_text(path, page)
     return path
 
 
 def read_run(folder: str | Path) -> Run:
-    """A run by its folder.
-
-    Raises:
-        ValueError: if the folder contains no run, or one whose files are damaged or of another version.
-    """
+    """A run by its folder; ValueError if it contains no run, or one whose files are damaged or of another version."""
     folder = Path(folder)
     if missing := [name for name in FILES if not (folder / name).is_file()]:
         what = f"holds no {', '.join(missing)}" if folder.is_dir() else "is not a folder"
@@ -124,11 +119,7 @@ def read_run(folder: str | Path) -> Run:
 
 
 def group_runs(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
-    """Group the runs of one task by their settings; return the groups, named after the settings that differ.
-
-    Raises:
-        ValueError: if there are more groups than colours.
-    """
+    """The runs of one task by their settings, named after what differs; ValueError for more groups than colours."""
     found: dict[str, list[Run]] = {}
     for run in runs:
         found.setdefault(json.dumps([run.record["config"], run.record["start"]], sort_keys=True), []).append(run)
