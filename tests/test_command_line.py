@@ -267,7 +267,7 @@ def test_an_environment_of_the_user(tmp_path, monkeypatch, capsys):
     options = {"speed": 1.0, "variation": {"mass": [0.8, 1.2]}}
     assert record["config"]["env_options"] == load_policy(folder / "policy.npz").about["env_options"] == options
     again = command_line.make_parser()[0].parse_args(shlex.split(record["command"])[1:])
-    assert (again.task, again.num_envs, again.timesteps) == (id, 8, 1024)
+    assert (again.task, again.num_envs, again.timesteps) == (f"swim_elsewhere:{id}", 8, 1024)
     assert again.env_kwargs == keywords and again.hyperparameters == ["hidden=[8, 4]"]
     capsys.readouterr()
     assert command_line.main(["evaluate", str(folder), "--episodes", "1"]) == 0

@@ -172,8 +172,9 @@ def test_sensors(body, law):
     size = np.linalg.norm(way, axis=1)
     bend = np.arctan2(-np.cross(way[:-1], way[1:]) @ frame[2], (way[:-1] * way[1:]).sum(axis=1))
     np.testing.assert_allclose(seen["curvature"], bend / (0.5 * (size[1:] + size[:-1]) / fish.length), rtol=1e-5)
-    ends = points[marks.muscles]
-    stretch = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / tank.natural - 1.0
+    ends, at_rest = points[marks.muscles], fish.points(fish.body.position)[marks.muscles]
+    long, natural = (np.linalg.norm(each[:, 1] - each[:, 0], axis=1) for each in (ends, at_rest))
+    stretch = long / natural - 1.0
     np.testing.assert_allclose(seen["muscle length"], stretch, atol=1e-6)
     flow = v[marks.node] - (tank.world.current + tank.variation[1, 3:])
     for k, pressure in enumerate(seen["pressure"]):
