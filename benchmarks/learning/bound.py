@@ -4,8 +4,8 @@ A start is a fish that the motor controllers, or the shipped policy, have swum w
 evaluation episode, in Swim until it is steady. From this state both go on, and CMA-ES searches for commands. It begins
 with the better ones of the two, which it never falls behind, and changes them every 40 ms in each segment, to the left
 or to the right. Fast strokes are unstable without feedback. In fast starts the controller therefore goes on under the
-changes. A steady swimmer executes only the beginning of a plan, and plans again from there (a receding horizon); the
-controller that it began with goes on after the plan.
+changes, which end soon. A steady swimmer executes only the beginning of a plan, and plans again from there (a receding
+horizon); the controller that it began with goes on after the plan.
 
 A search shows what can be reached. How far its seeds are apart tells how far it may be from the best. For turns, one
 more search looks for the largest return of the next time, by the weights of the policy's training, in which the
@@ -219,19 +219,17 @@ def search(env: FishVectorEnv, start: Start, control: Controller, measure: Measu
     """Swim as well as a search finds, which begins with what a controller commands from a start."""
     if measure is measure_speed:
         return swim_planned(env, start, control, budget, seed)
+    steps = changed = len(start.commands)
     if measure is measure_rewarded:
         steps, changed = (round(time / env.control_interval) for time in (RETURNS, NEXT))
-        found = Search(env, start, control, measure, steps, changed)
-        return found.swim(found.best(budget, seed)[None])
-    steps, interval = len(start.commands), env.control_interval
-    if measure is measure_way:
-        found = Search(env, start, control, measure, steps, steps)
-        return found.swim(found.best(budget, seed)[None])
-    swum = drive(env, start.state, control, steps)
-    latency = measure_latency(swum, start.wanted)[0][0]
-    if np.isfinite(latency):  # what comes later does not count
-        steps = min(steps, int(np.ceil(latency / interval - 1e-9)))
-    found = Search(env, start, recorded(swum.commands, interval), measure, steps, steps)
+    elif measure is measure_way:
+        changed = round(PLANNED / env.control_interval)
+    elif measure is measure_latency:
+        swum = drive(env, start.state, control, steps)
+        control, latency = recorded(swum.commands, env.control_interval), measure_latency(swum, start.wanted)[0][0]
+        if np.isfinite(latency):  # what comes later does not count
+            steps = changed = min(steps, int(np.ceil(latency / env.control_interval - 1e-9)))
+    found = Search(env, start, control, measure, steps, changed)
     return found.swim(found.best(budget, seed)[None])
 
 

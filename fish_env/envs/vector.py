@@ -171,7 +171,8 @@ class FishVectorEnv(Keywords, Episodes, VectorEnv):
                 "call env.reset(options={'reset_mask': terminated | truncated})"
             )
         if restarting.any() and np.shape(actions) == self._action_shape:  # NEXT_STEP: their action is ignored
-            actions = np.where(restarting[:, None], 0.0, actions)
+            actions = np.array(actions)
+            actions[restarting] = 0
         reward, terminated, truncated = self.advance(actions)
         if restarting.any():
             self.restart(restarting)
