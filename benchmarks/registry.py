@@ -179,7 +179,7 @@ REGISTRY = {result.name: result for result in (
         1.5, "transfer.csv", "learning/kinematics.csv", follows=(*EVERY_BODY, "task *", "policy *"),
     ),
     published(
-        "learning.learners", "learners by the protocol of fish_env benchmark; trains 180 policies, keeps finished ones",
+        "learning.learners", "learners by the protocol of fish_env benchmark; trains 160 policies, keeps finished ones",
         240, "learning/learners.csv", "learning/learner_curves.csv", "docs/images/learners.svg", by_name=True,
         follows=COMPARED,
     ),

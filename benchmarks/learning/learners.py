@@ -42,10 +42,9 @@ RUNS, COMMAND = Path("runs", "learners"), "python -m benchmarks.learning.learner
 TABLE, CURVES = "learning/learners.csv", "learning/learner_curves.csv"
 REFERENCES = Path(protocol.__file__).with_name("protocol.json")
 PAGE = ROOT / "docs" / "benchmark.md"
-SMALL, BUDGET, MILLION = ("swim", "left_after_right"), 100_000, 1_000_000
+SMALL, BUDGET = ("swim", "left_after_right"), protocol.BUDGETS[0]
 TRIALS = (
-    ("ppo", protocol.TASKS, ["easy"], (BUDGET, MILLION, 4 * MILLION)),
-    ("ppo", protocol.TASKS, ["medium", "hard"], (BUDGET, MILLION)),
+    ("ppo", protocol.TASKS, protocol.LEVELS, protocol.BUDGETS),
     ("agents.learners:sac", SMALL, ["easy"], (BUDGET,)),
     ("agents.learners:tqc", SMALL, ["easy"], (BUDGET,)),
     ("agents.learners:recurrent_ppo", SMALL, ["easy", "hard"], (BUDGET,)),
@@ -230,8 +229,6 @@ def draw() -> None:
         rows = [row for row in read_table(CURVES, task=task, level="easy") if row["value"] != ""]
         for learner, steps in dict.fromkeys((row["learner"], row["steps"]) for row in rows):
             mine = select(rows, learner=learner, steps=steps)
-            if steps not in (BUDGET, MILLION):
-                continue
             short = learner.rpartition(":")[2]
             seeds = [select(mine, seed=seed) for seed in dict.fromkeys(row["seed"] for row in mine)]
             begin, end = (pick(row["trained"] for seed in seeds for row in seed) for pick in (min, max))
