@@ -133,7 +133,8 @@ class MassSpringParameters:
     lengthening: float
     """Growth of a muscle's rest length as its antagonist contracts, over its shrinkage as it contracts itself."""
     time_step: float
-    """Step of the default integrator, s. Unless it is given, it is cut into whole parts for a fish below 0.2 m."""
+    """Step of the default integrator, s, of which `two_layer` takes a quarter, `tetrahedral` a half or a quarter.
+    Unless it is given, it is cut into whole parts for a fish below 0.2 m."""
     control_interval: float
     """Default length of an environment step, s."""
     outline: Outline | None = None
@@ -172,6 +173,10 @@ class MassSpringParameters:
         object.__setattr__(self, "tail_half_span", outline.depths[-1])
 
 
+UNUSED = {
+    "tetrahedral": ("water_drag", "water_place", "mass_factor", "damping_taper"), "two_layer": ("damping_taper",),
+}  # fmt: skip
+"""Parameters that change nothing in these bodies."""
 OUTLINED = ("half_depth", "half_width", "tail_half_span")
 
 
@@ -237,6 +242,7 @@ def check_parameters(
     # A length outside the range in which the model is meant is warned of. Times that a user did not give are those of
     # the fish's length (`sizes.py`). `own` replaces the default fish's parameters in this body, unless they are given.
     allowed = [field.name for field in fields(MassSpringParameters)]
+    allowed = [name for name in allowed if name not in UNUSED.get(body, ())]
     check_names(f"the {body} fish has no parameter", allowed, *parameters, error=UnknownOptionError)
     standard = calibrated(water)
     shaped = [name for name in OUTLINED if name in parameters]

@@ -1,7 +1,8 @@
 """A policy for Stable-Baselines3's PPO that is equivariant under the left-right reflection.
 
 Its action for a reflected observation is the reflected action. The fish, the water and all tasks have this symmetry: a
-turn to one side is trained by turns to the other, and no bias makes the fish swim to one side.
+turn to one side is trained by turns to the other, and no bias makes the fish swim to one side. It needs observations as
+they are: the running means of `VecNormalize` are no mirror images.
 
 This module loads torch and Stable-Baselines3, of the extra [train]; nothing else in the package imports it.
 

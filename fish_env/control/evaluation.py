@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from fish_env.checks import is_whole
-from fish_env.control.env_spec import environment_of, make_checked_batch, one_fish, trained_of
+from fish_env.control.env_spec import environment_of, make_checked_batch, one_fish, time_limit, trained_of
 from fish_env.control.gait import Gait
 from fish_env.control.models import is_model, normalisation_of, trained_with
 from fish_env.control.policy import Normalisation, Policy, load_policy
@@ -101,6 +101,8 @@ def policy_controller(policy: Policy | Any, env: FishVectorEnv) -> Controller:
         since = round(time / env.control_interval) % every
         if since == 0:
             goal = decide(obs, time)
+        if every - since == 1:
+            return goal
         present = (2.0 * _final_contraction(env) - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
         return present + (goal - present) / (every - since)
 
@@ -304,7 +306,7 @@ def evaluate(
         policy = load_policy(policy)
     if isinstance(env, gym.Env):
         _, id, keywords = one_fish(env)
-        limit = env.get_wrapper_attr("_max_episode_steps") if env.has_wrapper_attr("_max_episode_steps") else None
+        limit = time_limit(env)
         count, _ = checked_episodes(EPISODES if episodes is None else episodes, seed)
         with closing(make_checked_batch(id, keywords | {"max_episode_steps": limit}, count)) as batch:
             return evaluate(batch, policy, seed, options)

@@ -307,4 +307,9 @@ def scripted(env: FishVectorEnv, tables: MotorTables | None = None, config: Sequ
 def random_actions(env: FishVectorEnv, seed: int = 0) -> Callable[[np.ndarray, float], np.ndarray]:
     """A controller that draws every action uniformly from the whole range, whatever the fish sees."""
     generator = np.random.default_rng(seed)
-    return lambda obs, time: generator.uniform(-1.0, 1.0, env.action_space.shape)
+
+    def act(obs: Any, time: float) -> np.ndarray:
+        count = len(obs["observation"] if isinstance(obs, dict) else obs)  # `env` may be one fish of a batch
+        return generator.uniform(-1.0, 1.0, (count, env.action_space.shape[-1]))
+
+    return act

@@ -133,6 +133,7 @@ def grab(tank: Tank, node: int, point, stiffness, damping, rest_length, velocity
     """`Tank.grab`."""
     if not (is_whole(node) and 0 <= node < tank.state.x.shape[1]):
         raise ValueError(f"node is {node!r}; give a whole number from 0 to {tank.state.x.shape[1] - 1}")
+    point, velocity = finite_array(point, (3,), "point (m)"), finite_array(velocity, (3,), "velocity (m/s)")
     anchors = make_anchors([node], [point], stiffness, damping, rest_length, velocity)
     apply(tank, present(tank)._replace(drag=anchors))
 

@@ -15,7 +15,7 @@ from fish_env.soft.mesh import Mesh, grid, lumped_mass
 from fish_env.soft.room import InRoom, room, whole
 
 DOWN = np.array([0.0, 0.0, -1.0])
-SPACIOUS = 1.5  # from the middle of an object to the walls, over its length
+SPACIOUS = 1.5  # from the middle of an object to the walls, over its longest side
 MOST_NODES = 50_000  # more take minutes to build
 STEP, FRAME = 1 / 1920, 1 / 60  # s
 
@@ -157,8 +157,8 @@ def solid(name: str, mesh: Mesh, materials: tuple[SolidMaterial, ...], strain, l
     body = make_body(mesh.position, mass, [], [], [], [], mesh.faces, tets=tets)
     if clamped:
         body = fix(body, mesh.position[:, 0] == mesh.position[:, 0].min())
-    length = float(np.ptp(mesh.position[:, 0]))
+    length, *others = np.ptp(mesh.position, axis=0).tolist()
     return Solid(
-        name=name, body=body, length=length, water=room(DOWN, SPACIOUS * length), time_step=STEP,
+        name=name, body=body, length=length, water=room(DOWN, SPACIOUS * max(length, *others)), time_step=STEP,
         control_interval=FRAME, down=DOWN, outer=np.unique(mesh.faces), skin=mesh.faces, material=which,
     )  # fmt: skip

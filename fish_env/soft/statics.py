@@ -29,7 +29,7 @@ from scipy.sparse import block_array, csc_array, csr_array, diags_array, eye_arr
 from scipy.sparse.csgraph import structural_rank
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from fish_env.checks import check_names, finite_array, is_whole, positive_array
+from fish_env.checks import check_names, finite_array, is_whole, positive_array, real
 from fish_env.physics.body import node_numbers
 from fish_env.physics.failures import ESCAPED
 from fish_env.physics.forces.evaluate import Evaluator
@@ -80,7 +80,7 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
     world = world._replace(added_mass=None)  # at rest, nothing accelerates
     if world.planes is not None:
         raise ValueError("the world has walls, which stop motion; fix the nodes that rest on them instead (body.fix)")
-    if not tolerance > 0:
+    if not real(tolerance) > 0:
         raise ValueError(f"tolerance is {tolerance!r}; give a positive number")
     rest = _given(rest_length, body.springs.rest_length, "rest_length (m)")
     x = _given(start, body.position, "start (m)")
