@@ -151,18 +151,16 @@ class MassSpringParameters:
             ("layer_position", 5), ("half_depth", 5), ("half_width", 5), ("stiffness", 3), ("taper", 6),
             ("mass_factor", 7), ("contracted", 3), ("water_drag", 6), ("water_place", 6), ("damping_taper", 6),
         ):  # fmt: skip
-            values = positive_array(getattr(self, name), (size,), name)
-            object.__setattr__(self, name, tuple(values.tolist()))
+            object.__setattr__(self, name, tuple(positive_array(getattr(self, name), (size,), name).tolist()))
         for name in (
             "length", "tail_half_span", "drag_coefficient", "contraction_time", "time_step", "control_interval",
             "relaxation_time", "friction", "thinning", "lengthening",
         ):  # fmt: skip
             zero = name in ("relaxation_time", "friction", "thinning", "lengthening")
             object.__setattr__(self, name, float(positive_array(getattr(self, name), (), name, zero=zero)))
-        if np.any(np.array(self.water_place) >= 1):
-            raise ValueError(f"water_place is {self.water_place}; give fractions below 1")
-        if np.any(np.array(self.contracted) >= 1):
-            raise ValueError(f"contracted is {self.contracted}; give fractions below 1")
+        for name, fractions in (("water_place", self.water_place), ("contracted", self.contracted)):
+            if max(fractions) >= 1:
+                raise ValueError(f"{name} is {fractions}; give fractions below 1")
 
     def _follow(self, outline: Outline) -> None:
         """Take the half sides of the layers from an outline: of the rectangles that have its cross-sections' areas."""

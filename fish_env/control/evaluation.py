@@ -58,8 +58,7 @@ def as_controller(policy: Any, env: FishVectorEnv) -> Controller:
         FileNotFoundError: if there is no such policy.
         ValueError: for anything else, or a policy that does not fit the environment, saying why.
     """
-    if isinstance(policy, str | Path):
-        policy = load_policy(policy)
+    policy = load_policy(policy) if isinstance(policy, str | Path) else policy
     if isinstance(policy, Policy) or is_model(policy):
         return policy_controller(policy, env)
     if hasattr(policy, "predict"):
@@ -268,8 +267,7 @@ def run_episodes(
     actions = (env.num_envs, *env.single_action_space.shape)
     yield done.copy(), done.copy(), infos
     while not done.all():
-        action = np.broadcast_to(controller(obs, time), actions)
-        obs, _, terminated, truncated, infos = env.step(action)
+        obs, _, terminated, truncated, infos = env.step(np.broadcast_to(controller(obs, time), actions))
         time += env.control_interval
         ended = (terminated | truncated) & ~done
         done |= ended
@@ -302,8 +300,7 @@ def evaluate(
         UserWarning: if more than half of the episodes are ended by a failure of the physics, or if the policy is of
             another task.
     """
-    if isinstance(policy, str | Path):
-        policy = load_policy(policy)
+    policy = load_policy(policy) if isinstance(policy, str | Path) else policy
     if isinstance(env, gym.Env):
         _, id, keywords = one_fish(env)
         limit = time_limit(env)

@@ -219,8 +219,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         found, rest = [], self.control.rest_length
         for i, (length, x, v) in enumerate(zip(rest, self.state.x, self.state.v, strict=True)):
             body, world = self._varied(i, self.world)
-            evaluator = Evaluator(body, world._replace(current=np.zeros(3)))
-            found.append(evaluator.energies(length, x, v - world.current))
+            found.append(Evaluator(body, world._replace(current=np.zeros(3))).energies(length, x, v - world.current))
         return {name: np.array([each[name] for each in found]) for name in found[0]}
 
     @property

@@ -183,8 +183,7 @@ def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) 
     for k, name in enumerate(("stiffness", "inner_stiffness")):
         which, pulling = slice(k * count, (k + 1) * count), outward[k] * radii[k * n] ** power * pull
         length[which] = natural_lengths(length[which], pulling, stiffness[which], name, getattr(own, name))
-    counts = [which.stop - which.start for which in kinds.values()]
-    time = np.repeat(chosen.damping_times(), counts)
+    time = np.repeat(chosen.damping_times(), [which.stop - which.start for which in kinds.values()])
     outer = node_masses(skin, chosen.radius, chosen.mass, chosen.density)
     inner = node_masses(skin, chosen.inner_radius, chosen.inner_mass, chosen.inner_density)
     turned = skin.faces[:, ::-1] if flat else skin.faces[:, [0, 3, 2, 1]]

@@ -71,8 +71,7 @@ def make_beam(cells=10, *, across=2, length=0.4, thickness=0.08, clamped=False, 
 @representable("the block")
 def make_block(cells=4, *, side=0.16, strain="corotational", lumping="quarter", **material) -> Solid:
     """A cube of so many cells along each edge, an even number; `side` m, all else as of `make_beam`."""
-    mesh = bar(cells, cells, side, side)
-    return solid("block", mesh, (choose_material(SOFT, material),), strain, lumping)
+    return solid("block", bar(cells, cells, side, side), (choose_material(SOFT, material),), strain, lumping)
 
 
 @representable("the ball")
@@ -129,8 +128,7 @@ def make_two_materials(cells=8, *, across=2, length=0.32, thickness=0.08, soft=S
 
 def choose_material(standard: SolidMaterial, given: dict) -> SolidMaterial:
     """Change some fields of a material; ValueError for an unknown one."""
-    names = [field.name for field in fields(SolidMaterial)]
-    check_names("a material has no field", names, *given)
+    check_names("a material has no field", [field.name for field in fields(SolidMaterial)], *given)
     return replace(standard, **given)
 
 

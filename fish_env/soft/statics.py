@@ -100,8 +100,7 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
         floor = ROUNDING * np.abs(matrix.diagonal()).max() * np.abs(x).max()
         if not np.abs(f).max() > max(wanted, floor):
             return x
-        rigid = rigid_motions(body, world, x, internal)
-        x, f = _newton(x, f, force, free, _solver(body, matrix, rigid, SLACK))
+        x, f = _newton(x, f, force, free, _solver(body, matrix, rigid_motions(body, world, x, internal), SLACK))
     raise NoEquilibrium(f"forces of {np.abs(f).max():g} N are left after {MOST_STEPS} steps; {ADVICE}")
 
 
@@ -263,8 +262,7 @@ def _lowest(matrix, free, root, count):
         values, vectors = np.linalg.eigh(scaled.toarray())
         return values[:count], vectors[:, :count]
     shift = -SHIFT * np.abs(scaled.diagonal()).max()  # just below zero, so that rigid motions leave it regular
-    factors = splu((scaled - shift * eye_array(free.size)).tocsc(), **SYMMETRIC)
-    inverse = LinearOperator(scaled.shape, factors.solve)
+    inverse = LinearOperator(scaled.shape, splu((scaled - shift * eye_array(free.size)).tocsc(), **SYMMETRIC).solve)
     _, vectors = eigsh(scaled, k=count, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(free.size)))
     basis = np.linalg.qr(vectors)[0]
     values, turn = np.linalg.eigh(basis.T @ (scaled @ basis))  # separates the modes of close eigenvalues

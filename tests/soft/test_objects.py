@@ -256,7 +256,6 @@ def test_damping_of_each_kind():
         (make_ring, {"mass": -1.0}, "mass is -1.0; give a finite, positive number"),
         (make_ring, {"inner_radius": 0.1}, "inner_radius is 0.1 m; give less than the radius, 0.1 m"),
         (make_ring, {"gap_pressure": 1e4}, "stretch springs by more than their length; give stiffness above"),
-        (make_string, {"nodes": 4, "fixed": ()}, "fixed is empty; give the number of a node"),
         (make_string, {"nodes": 4, "fixed": (1.9,)}, "fixed nodes have shape"),
         (make_string, {"nodes": 4, "fixed": [True]}, "the mask of nodes has shape"),
         (make_string, {"nodes": 4, "fixed": (1, 1)}, "give each of them once"),
