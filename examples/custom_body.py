@@ -8,6 +8,7 @@ the four edges of every segment are its muscles. x points forward, y to the left
 """
 
 import argparse
+from functools import partial
 from itertools import combinations
 
 import gymnasium as gym
@@ -122,7 +123,7 @@ def main() -> None:
     way = (tank.position[0].mean(axis=0) - start) / fish.length
     print(f"{fish.num_muscles} muscles: {way[0]:.2f} body lengths forward in {args.seconds} s")
 
-    fish_env.BODIES["eel"] = BodyKind("eel", "a chain of square cross-sections", make_eel)
+    fish_env.BODIES["eel"] = BodyKind("eel", "a chain of square cross-sections", partial(make_eel, args.segments))
     env = gym.make("FishEnv/Swim-v0", body="eel", muscle_groups="pairs")
     print(f"FishEnv/Swim-v0: actions {env.action_space.shape}, observations {env.observation_space.shape}")
     env.close()

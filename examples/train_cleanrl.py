@@ -15,6 +15,7 @@ observation, `infos["final_obs"]`, says what was still to come.
 import argparse
 import json
 import math
+import sys
 import time
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -27,7 +28,7 @@ from torch import nn
 from torch.distributions import Normal
 
 import fish_env
-from fish_env.control import Policy, evaluate, make_eval_env
+from fish_env.control import Policy, evaluate, make_eval_env, means
 
 
 @dataclass
@@ -216,7 +217,9 @@ def train(args: Args) -> Policy:
 def begin(args: Args) -> Path:
     """Make the folder, and write the hyperparameters."""
     folder = Path(args.folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    if folder.exists():
+        sys.exit(f"{folder} exists, and no run is overwritten; name another folder with --folder")
+    folder.mkdir(parents=True)
     (folder / "args.json").write_text(json.dumps(asdict(args), indent=2))
     return folder
 
@@ -225,11 +228,11 @@ def end(policy: Policy, folder: Path, args: Args) -> None:
     """Write the policy and its scores, and print the scores."""
     policy.save(folder / "policy.npz")
     env = make_eval_env(args.env_id, args.evaluations, {"muscle_groups": args.muscle_groups})
-    scores = {name: float(np.nanmean(value)) for name, value in evaluate(env, policy).items()}
+    scores = means(evaluate(env, policy))
     env.close()
     (folder / "scores.json").write_text(json.dumps(scores, indent=2))
     print(f"fish_env {fish_env.__version__}, mean of {args.evaluations} episodes: "
-          + ", ".join(f"{name} {value:.2f}" for name, value in scores.items()))  # fmt: skip
+          + ", ".join(f"{name} {value:.2f}" for name, value in scores.items() if value is not None))  # fmt: skip
 
 
 def main() -> None:

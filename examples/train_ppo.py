@@ -92,7 +92,7 @@ def make_model(args: Args, env: VecEnv, control_interval: float) -> PPO:
     )
 
 
-def evaluate(args: Args, model: PPO, scaling: VecNormalize) -> dict[str, float]:
+def evaluate(args: Args, model: PPO, scaling: VecNormalize) -> dict[str, float | None]:
     """Means over episodes on fixed seeds, without noise in the actions: the return and the metrics of the task."""
     fish = fish_env.make_sb3_vec_env(
         args.env_id, args.evaluations, seed=FIRST_EVALUATION_SEED, muscle_groups=args.muscle_groups
@@ -105,8 +105,8 @@ def evaluate(args: Args, model: PPO, scaling: VecNormalize) -> dict[str, float]:
             ends[i] = ends[i] or infos[i]  # the first episode of each fish
     fish.close()
     metrics = [name for name, value in ends[0].items() if isinstance(value, int | float) and name not in COPIES]
-    scores = {"return": float(np.mean([info["episode"]["r"] for info in ends]))}
-    return scores | {name: float(np.nanmean([info[name] for info in ends])) for name in metrics}
+    scores = {"return": np.array([info["episode"]["r"] for info in ends])}
+    return fish_env.control.means(scores | {name: np.array([float(info[name]) for info in ends]) for name in metrics})
 
 
 def main() -> None:
@@ -130,7 +130,8 @@ def main() -> None:
 
     scores = evaluate(args, model, env)
     (folder / "scores.json").write_text(json.dumps(scores, indent=2))
-    print(f"mean of {args.evaluations} episodes: " + ", ".join(f"{name} {value:.2f}" for name, value in scores.items()))
+    print(f"mean of {args.evaluations} episodes: "
+          + ", ".join(f"{name} {value:.2f}" for name, value in scores.items() if value is not None))  # fmt: skip
     env.close()
 
 

@@ -31,7 +31,7 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.core.rl_module.torch import TorchRLModule
 
 import fish_env
-from fish_env.control import evaluate, make_eval_env
+from fish_env.control import evaluate, make_eval_env, means
 from fish_env.control.equivariant import EquivariantPolicy, equivariant_options, export_policy
 from fish_env.control.policy import Policy
 
@@ -211,7 +211,9 @@ def main() -> None:
     args = parse()
     join(args.address)  # before anything is written
     folder = Path(args.folder).resolve()
-    folder.mkdir(parents=True, exist_ok=True)
+    if folder.exists():
+        sys.exit(f"{folder} exists, and no run is overwritten; name another folder with --folder")
+    folder.mkdir(parents=True)
     (folder / "args.json").write_text(json.dumps(asdict(args), indent=2))
     algorithm = make_config(args).build_algo()
     gc.freeze()  # the modules of Ray and torch stay: to look through them again and again takes as long as a rollout
@@ -223,10 +225,11 @@ def main() -> None:
     ray.shutdown()
 
     env = make_eval_env(args.env_id, args.evaluations, dict(policy.about["env_options"]))
-    scores = {name: float(np.nanmean(value)) for name, value in evaluate(env, policy).items()}
+    scores = means(evaluate(env, policy))
     env.close()
     (folder / "scores.json").write_text(json.dumps(scores, indent=2))
-    print(f"mean of {args.evaluations} episodes: " + ", ".join(f"{name} {value:.2f}" for name, value in scores.items()))
+    print(f"mean of {args.evaluations} episodes: "
+          + ", ".join(f"{name} {value:.2f}" for name, value in scores.items() if value is not None))  # fmt: skip
 
 
 if __name__ == "__main__":

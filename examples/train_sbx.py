@@ -13,6 +13,7 @@ SBX takes the vector environments of Stable-Baselines3, so `make_sb3_vec_env` se
 import argparse
 import json
 import math
+import sys
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 import fish_env
-from fish_env.control import evaluate, make_eval_env
+from fish_env.control import evaluate, make_eval_env, means
 
 
 @dataclass
@@ -90,14 +91,14 @@ def make_model(args: Args, env: VecEnv, gamma: float) -> BaseAlgorithm:
     )
 
 
-def scores_of(model: BaseAlgorithm, scaling: VecNormalize, args: Args) -> dict[str, float]:
+def scores_of(model: BaseAlgorithm, scaling: VecNormalize, args: Args) -> dict[str, float | None]:
     """Means over episodes on fixed seeds, without noise in the actions: the return and the metrics of the task."""
     env = make_eval_env(args.env_id, args.evaluations, {"muscle_groups": args.muscle_groups})
 
     def controller(obs: np.ndarray, time: float) -> np.ndarray:
         return model.predict(np.asarray(scaling.normalize_obs(obs)), deterministic=True)[0]
 
-    scores = {name: float(np.nanmean(value)) for name, value in evaluate(env, controller).items()}
+    scores = means(evaluate(env, controller))
     env.close()
     return scores
 
@@ -106,7 +107,9 @@ def main() -> None:
     """Train, save, evaluate."""
     args = parse()
     folder = Path(args.folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    if folder.exists():
+        sys.exit(f"{folder} exists, and no run is overwritten; name another folder with --folder")
+    folder.mkdir(parents=True)
     (folder / "args.json").write_text(json.dumps(asdict(args), indent=2))
     fish = fish_env.make_sb3_vec_env(
         args.env_id, args.num_envs, seed=args.seed, staggered=True, muscle_groups=args.muscle_groups
@@ -118,7 +121,8 @@ def main() -> None:
     env.save(str(folder / "scaling.pkl"))
     scores = scores_of(model, env, args)
     (folder / "scores.json").write_text(json.dumps(scores, indent=2))
-    print(f"mean of {args.evaluations} episodes: " + ", ".join(f"{name} {value:.2f}" for name, value in scores.items()))
+    print(f"mean of {args.evaluations} episodes: "
+          + ", ".join(f"{name} {value:.2f}" for name, value in scores.items() if value is not None))  # fmt: skip
     env.close()
 
 

@@ -13,6 +13,7 @@ TorchRL. `GymEnv("FishEnv/Swim-v0")` gives a single fish, and steps many one by 
 import argparse
 import json
 import math
+import sys
 import time
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -30,7 +31,7 @@ from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
 import fish_env  # registers the environments
-from fish_env.control import evaluate, make_eval_env
+from fish_env.control import evaluate, make_eval_env, means
 
 
 @dataclass
@@ -159,7 +160,7 @@ def train(args: Args) -> ProbabilisticActor:
     return actor
 
 
-def scores_of(actor: ProbabilisticActor, args: Args) -> dict[str, float]:
+def scores_of(actor: ProbabilisticActor, args: Args) -> dict[str, float | None]:
     """Means over episodes on fixed seeds, without noise in the actions: the return and the metrics of the task."""
     env = make_eval_env(args.env_id, args.evaluations, {"muscle_groups": args.muscle_groups})
     mean = actor[0]
@@ -168,7 +169,7 @@ def scores_of(actor: ProbabilisticActor, args: Args) -> dict[str, float]:
     def controller(obs: np.ndarray, time: float) -> np.ndarray:
         return torch.tanh(mean(observation=torch.from_numpy(obs))[0]).numpy()
 
-    scores = {name: float(np.nanmean(value)) for name, value in evaluate(env, controller).items()}
+    scores = means(evaluate(env, controller))
     env.close()
     return scores
 
@@ -177,14 +178,16 @@ def main() -> None:
     """Train, save, evaluate."""
     args = parse()
     folder = Path(args.folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    if folder.exists():
+        sys.exit(f"{folder} exists, and no run is overwritten; name another folder with --folder")
+    folder.mkdir(parents=True)
     (folder / "args.json").write_text(json.dumps(asdict(args), indent=2))
     actor = train(args)
     torch.save(actor.state_dict(), folder / "actor.pt")
     scores = scores_of(actor, args)
     (folder / "scores.json").write_text(json.dumps(scores, indent=2))
     print(f"fish_env {fish_env.__version__}, mean of {args.evaluations} episodes: "
-          + ", ".join(f"{name} {value:.2f}" for name, value in scores.items()))  # fmt: skip
+          + ", ".join(f"{name} {value:.2f}" for name, value in scores.items() if value is not None))  # fmt: skip
 
 
 if __name__ == "__main__":

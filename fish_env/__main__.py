@@ -207,8 +207,7 @@ def fish_of(name: str, water: str | None) -> fish_env.Fish:
     module, colon, function = name.rpartition(":")
     if not colon:
         return fish_for(name, water)
-    import_from_here(module)
-    make = getattr(sys.modules[module], function, None)
+    make = getattr(import_from_here(module), function, None)
     if callable(make) and isinstance(fish := make(), fish_env.Fish):
         return fish
     raise ValueError(f"{name!r} is no function that returns a fish_env.Fish; give module:function of one")

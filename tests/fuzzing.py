@@ -32,7 +32,9 @@ def call(function, *args, refused=REFUSED, **keywords):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, of numbers that overflow: outcomes are looked at
-        warnings.filterwarnings("ignore", message=".*(a masked element to nan|Using the latest versioned|will fail on)")
+        warnings.filterwarnings(
+            "ignore", message=".*(a masked element to nan|Using the latest versioned|(will|may) fail on)"
+        )
         try:
             return function(*args, **keywords)
         except refused as error:

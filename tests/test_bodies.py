@@ -120,6 +120,8 @@ REFUSED = [
     ({"water_place": (0.5, 0.5, 0.5, 0.5, 0.5, 1.0)}, "water_place is .*; give fractions below 1"),
     ({"body": "published", "contracted": (0.7, 0.7, 1.2)}, "contracted is .*; give fractions between 0 and 1"),
     ({"body": "published", "contraction_time": -1.0}, "contraction_time is -1.0; give a positive"),
+    ({"body": "tetrahedral", "water_drag": (1,) * 6}, "the tetrahedral fish has no parameter 'water_drag'"),
+    ({"body": "two_layer", "damping_taper": (1,) * 6}, "the two_layer fish has no parameter 'damping_taper'"),
     ({"body": "planar", "level": 1}, "the planar fish has no parameter 'level'.*; choose from 'length'"),
     ({"body": "planar", "bending": [1.0] * 4}, r"bending has shape \(4,\); give shape \(5,\)"),
 ]

@@ -176,10 +176,11 @@ def test_thirds_of_a_fish_of_six_segments_act_as_one():
 def test_random_actions_are_seeded():
     """Random actions fill the range, differ from one environment step to the next, and come back with their seed."""
     one, same, other = (random_actions(make("Swim", 4), seed) for seed in (0, 0, 1))
-    first = one(None, 0.0)
-    assert first.shape == (4, 12) and np.abs(first).max() <= 1 and (one(None, 0.02) != first).all()
-    np.testing.assert_array_equal(same(None, 0.0), first)
-    assert (other(None, 0.0) != first).all()
+    seen = np.zeros((4, 3))
+    first = one(seen, 0.0)
+    assert first.shape == (4, 12) and np.abs(first).max() <= 1 and (one(seen, 0.02) != first).all()
+    np.testing.assert_array_equal(same(seen, 0.0), first)
+    assert (other(seen, 0.0) != first).all()
 
 
 # Searches

@@ -74,7 +74,7 @@ def test_every_kind_of_policy_is_taken(tmp_path):
             np.testing.assert_array_equal(values, scores[0][name], err_msg=name)
     kept = [record(watched, kind, 5) for kind in kinds[:4]]
     assert all(np.array_equal(one.position, kept[0].position) for one in kept)
-    assert kept[0].reward.sum() == pytest.approx(scores[0]["return"][0], abs=1e-4)  # products of one row or of three
+    assert kept[0].reward.sum() == pytest.approx(scores[0]["return"][0], abs=1e-9)
     assert watched.episode_count == 4 and watched.return_queue[0] == pytest.approx(kept[0].reward.sum())
 
 
@@ -87,6 +87,41 @@ def test_held_out_set():
     policy = Policy((), (), {"env_id": "FishEnv/Swim-v0"})
     noise = protocols.condition_options(policy, {"speed": 1.0}, noisy)["observation_noise"]
     assert list(noise) == ["position", "velocity", "rest length", "vertical", "commanded velocity"]
+
+
+def test_an_episode_is_the_same_in_batches_of_any_size():
+    """A policy acts on one fish as on many, to the bit: a long and violent episode is that of a loop by hand."""
+    policy, options = load_policy("left_after_right"), {"severity": 2.0}
+    obs = np.random.default_rng(0).normal(size=(100, policy.weights[0].shape[0])).astype(np.float32)
+    for part in (slice(0, 1), slice(3, 8), slice(40, 100), 7):
+        np.testing.assert_array_equal(policy(obs[part]), policy(obs)[part])
+    env = gym.make("FishEnv/LeftAfterRight-v0", **options)
+    obs, _ = env.reset(seed=5)
+    way, over = [env.unwrapped.tank.position.copy()], False
+    while not over:
+        obs, _, terminated, truncated, _ = env.step(policy(obs))
+        way.append(env.unwrapped.tank.position.copy())
+        over = terminated or truncated
+    kept = record(env, policy, 5)
+    np.testing.assert_array_equal(kept.position, np.concatenate(way))
+    totals = [evaluate(env, policy, 5, episodes=count)["return"][0] for count in (1, 2, 9)]
+    assert len(set(totals)) == 1 and totals[0] == pytest.approx(kept.reward.sum(), abs=1e-9)
+
+
+def test_random_actions_of_one_fish():
+    """Each episode has its own, also where the controller was made for a single fish."""
+    env = gym.make("FishEnv/Swim-v0", max_episode_steps=10)
+    work = evaluate(env, random_actions(env.unwrapped.fish), episodes=8)["work"]
+    batch = gym.make_vec("FishEnv/Swim-v0", 8, max_episode_steps=10)
+    np.testing.assert_array_equal(work, evaluate(batch, random_actions(batch))["work"])
+    assert work.std() > 0.01
+
+
+@pytest.mark.parametrize(("inner", "outer"), [(20, 30), (30, 20)])
+def test_the_shorter_of_two_time_limits(inner, outer):
+    """Evaluated and recorded episodes are as long as those of the environment that is given."""
+    env = gym.wrappers.TimeLimit(gym.make("FishEnv/Swim-v0", max_episode_steps=inner), outer)
+    assert (evaluate(env, "swim", episodes=2)["seconds"] == 20 * 0.02).all() and record(env, "swim").steps == 20
 
 
 def test_policies_are_compared():
@@ -184,6 +219,8 @@ def short_policy():
         (lambda: compare(np.cos, np.sin), ValueError, "give env, a batch of fish"),
         (lambda: compare([], "swim"), ValueError, "a list of policies is empty"),
         (lambda: compare("swim", short_policy()), ValueError, "the episodes last 2 s and 5 s; give max_episode_steps"),
+        (lambda: compare("turn", with_options("turn", sway_weight=9)), ValueError,
+         r"differ in sway_weight \(.* and 9\)"),
         (lambda: Policy((), (), {}, hidden="elu"), ValueError, "hidden is 'elu'.*; choose from 'tanh', 'relu'"),
         (lambda: policy_controller(slow_policy(), make_policy_env("turn", 1, control_interval=0.03)),
          ValueError, r"acts every 0.04 s, the environment every 0.03"),
@@ -193,6 +230,21 @@ def test_wrong_calls(call, error, message):
     """Each is refused with one line, which says what is right."""
     with pytest.raises(error, match=message):
         call()
+
+
+def with_options(name, **options):
+    """A shipped policy whose training had other options."""
+    policy = load_policy(name)
+    return replace(policy, about=policy.about | {"env_options": policy.about["env_options"] | options})
+
+
+def test_options_that_change_no_episode_can_be_compared():
+    """Defaults that were given, whole numbers, and what says how fish are drawn or computed."""
+    same = with_options(
+        "left_after_right", severity=1, action_noise=0, threads=1, width=640, panel=False, info_every_step=False
+    )
+    found = compare("left_after_right", same, episodes=2, max_episode_steps=10)
+    assert found["return"].difference == (0.0, 0.0, 0.0)
 
 
 def test_a_policy_of_another_task():

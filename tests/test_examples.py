@@ -134,7 +134,7 @@ def test_custom_body(tmp_path):
     said = run(tmp_path, EXAMPLES / "custom_body.py", "--segments", 4, "--seconds", 1)  # as a user would
     forward = float(re.search(r"16 muscles: (\S+) body lengths forward", said)[1])
     assert 0.05 < forward < 3.0
-    assert "actions (16,)" in said
+    assert "actions (8,)" in said
 
 
 def test_plan_random_shooting(tmp_path):

@@ -363,6 +363,26 @@ def test_every_format_acts_alike(hidden, output, limit, tmp_path):
     assert again.about == policy.about and again.hidden == hidden and again.output == output
 
 
+def test_a_policy_is_in_the_file_that_is_named(tmp_path):
+    """Also where numpy would add another ending; what could not be read again is refused, and an old file stays."""
+    policy = drawn_policy("tanh", "clip", 3)
+    policy.save(tmp_path / "new" / "P.NPZ")
+    again = load_policy(tmp_path / "new" / "P.NPZ")
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["P.NPZ"] and again.normalisation.limit == 3.0
+    assert replace(policy, weights=[each.astype(float) for each in policy.weights])(np.zeros(156)).dtype == np.float32
+    for change, message in (
+        ({"about": {}}, "does not say which environment"),
+        ({"biases": policy.biases[:-1]}, "missing or extra parts"),
+        ({"weights": (np.full_like(policy.weights[0], np.nan), *policy.weights[1:])}, "not finite"),
+        ({"normalisation": policy.normalisation._replace(limit=0)}, "no limit above zero"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            replace(policy, **change).save(tmp_path / "new" / "P.NPZ")
+    with pytest.raises(ValueError, match=r"ends in '\.v1'; give a name that ends in \.npz"):
+        policy.save(tmp_path / "policy.v1")
+    np.testing.assert_array_equal(load_policy(tmp_path / "new" / "P.NPZ").weights[0], policy.weights[0])
+
+
 def damage(change):
     """A change of a model, as a change of its file."""
 
@@ -605,8 +625,11 @@ OPTIONS = [
 
 @pytest.mark.parametrize(("options", "message"), OPTIONS, ids=str)
 def test_keywords_that_are_not_the_environments(options, message, tmp_path):
-    """Keywords of those who make an environment, and what is no keyword, are refused when the file is read."""
-    stub_policy(env_options=options).save(tmp_path / "policy.npz")
+    """Keywords of those who make an environment, and what is no keyword, are refused when a file is written or read."""
+    policy = stub_policy(env_options=options)
+    with pytest.raises(ValueError, match=message):
+        policy.save(tmp_path / "policy.npz")
+    np.savez(tmp_path / "policy.npz", **policy.parts())
     with pytest.raises(ValueError, match=rf"policy\.npz.*{message}"):
         load_policy(tmp_path / "policy.npz")
     with pytest.raises(ValueError, match=rf"one\.npz cannot be used: .*{message}"):

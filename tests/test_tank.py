@@ -18,6 +18,7 @@ from fish_env.control.gait import best_gait
 from fish_env.envs import FishVectorEnv
 from fish_env.physics.engine import DEEPEST
 from fish_env.physics.failures import FAILURES
+from fish_env.physics.linearise import linearise
 from fish_env.physics.tank_options import own_step, whole_steps
 
 FISH = make_fish()
@@ -415,6 +416,27 @@ def test_reset_and_clock():
     for each in (tank, other):
         each.swim(actions(13), PAUSE)
     assert_same(tank.get_state(), other.get_state())
+
+
+@pytest.mark.parametrize("how", ["reset", "reset of a failed fish", "set_state", "linearise"])
+def test_a_command_that_has_not_ended(how):
+    """It ends with the motion that it was part of; only what does not move the fish leaves it."""
+    tank, still = Tank(FISH, 2, water=WATER), Tank(FISH, 2, water=WATER)
+    state = tank.get_state()
+    if "failed" in how:
+        tank.position[0] = np.nan
+        tank.advance(1)
+    for each in (tank, still) if how == "linearise" else (tank,):
+        each.command(np.ones((2, 12)), PAUSE)
+    if how == "set_state":
+        tank.set_state(state)
+    elif how == "linearise":
+        linearise(tank, np.zeros((2, 12)), 2)
+    else:
+        tank.reset()
+    for each in (tank, still):
+        each.advance(20)
+    assert_same(tank.get_state(), still.get_state())
 
 
 # Lanes, precision and refinement

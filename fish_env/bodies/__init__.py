@@ -33,7 +33,7 @@ BODIES: dict[str, BodyKind] = {
     record.name: record
     for record in (
         BodyKind("mass_spring", "23 nodes, 91 springs, 12 muscles, calibrated to swim, SI units", make_mass_spring),
-        BodyKind("planar", "the same fish in the plane: 12 or 24 nodes, 12 muscles", make_planar),
+        BodyKind("planar", "the same fish in the plane: 12 nodes, 12 muscles", make_planar),
         BodyKind(
             "two_layer",
             "the same fish as two skins with gas inside and between, 46 nodes",

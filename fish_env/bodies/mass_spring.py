@@ -133,7 +133,8 @@ class MassSpringParameters:
     lengthening: float
     """Growth of a muscle's rest length as its antagonist contracts, over its shrinkage as it contracts itself."""
     time_step: float
-    """Step of the default integrator, s. Unless it is given, it is cut into whole parts for a fish below 0.2 m."""
+    """Step of the default integrator, s, of which `two_layer` takes a quarter, `tetrahedral` a half or a quarter.
+    Unless it is given, it is cut into whole parts for a fish below 0.2 m."""
     control_interval: float
     """Default length of an environment step, s."""
     outline: Outline | None = None
@@ -150,18 +151,16 @@ class MassSpringParameters:
             ("layer_position", 5), ("half_depth", 5), ("half_width", 5), ("stiffness", 3), ("taper", 6),
             ("mass_factor", 7), ("contracted", 3), ("water_drag", 6), ("water_place", 6), ("damping_taper", 6),
         ):  # fmt: skip
-            values = positive_array(getattr(self, name), (size,), name)
-            object.__setattr__(self, name, tuple(values.tolist()))
+            object.__setattr__(self, name, tuple(positive_array(getattr(self, name), (size,), name).tolist()))
         for name in (
             "length", "tail_half_span", "drag_coefficient", "contraction_time", "time_step", "control_interval",
             "relaxation_time", "friction", "thinning", "lengthening",
         ):  # fmt: skip
             zero = name in ("relaxation_time", "friction", "thinning", "lengthening")
             object.__setattr__(self, name, float(positive_array(getattr(self, name), (), name, zero=zero)))
-        if np.any(np.array(self.water_place) >= 1):
-            raise ValueError(f"water_place is {self.water_place}; give fractions below 1")
-        if np.any(np.array(self.contracted) >= 1):
-            raise ValueError(f"contracted is {self.contracted}; give fractions below 1")
+        for name, fractions in (("water_place", self.water_place), ("contracted", self.contracted)):
+            if max(fractions) >= 1:
+                raise ValueError(f"{name} is {fractions}; give fractions below 1")
 
     def _follow(self, outline: Outline) -> None:
         """Take the half sides of the layers from an outline: of the rectangles that have its cross-sections' areas."""
@@ -172,6 +171,10 @@ class MassSpringParameters:
         object.__setattr__(self, "tail_half_span", outline.depths[-1])
 
 
+UNUSED = {
+    "tetrahedral": ("water_drag", "water_place", "mass_factor", "damping_taper"), "two_layer": ("damping_taper",),
+}  # fmt: skip
+"""Parameters that change nothing in these bodies."""
 OUTLINED = ("half_depth", "half_width", "tail_half_span")
 
 
@@ -237,6 +240,7 @@ def check_parameters(
     # A length outside the range in which the model is meant is warned of. Times that a user did not give are those of
     # the fish's length (`sizes.py`). `own` replaces the default fish's parameters in this body, unless they are given.
     allowed = [field.name for field in fields(MassSpringParameters)]
+    allowed = [name for name in allowed if name not in UNUSED.get(body, ())]
     check_names(f"the {body} fish has no parameter", allowed, *parameters, error=UnknownOptionError)
     standard = calibrated(water)
     shaped = [name for name in OUTLINED if name in parameters]

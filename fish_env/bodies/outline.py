@@ -115,8 +115,7 @@ def outline_of(p) -> Outline:
     # Lateral added mass is pi times the density of water times the square of `half_depth`, a metre of body; vertical
     # added mass has `half_width` instead.
     if p.outline is not None:
-        scaled = (p.length * part for part in (p.outline.place, p.outline.widths, p.outline.depths))
-        return Outline(*scaled, elliptic=p.outline.elliptic)
+        return Outline(*(p.length * part for part in p.outline.stations), elliptic=p.outline.elliptic)
     place = np.array([0.0, *p.layer_position, 1.0])
     widths, depths = np.array([0.0, *p.half_width, 0.0]), np.array([0.0, *p.half_depth, p.tail_half_span])
     return Outline(p.length * place, p.length * widths, p.length * depths, elliptic=False)

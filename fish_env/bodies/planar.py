@@ -173,7 +173,6 @@ def surface(p):
 def landmarks(p) -> Landmarks:
     """The default fish's nodes, as far above or below the flat one's as they lie on it."""
     points, flat = tu.shape(p), shape(p)
-    level = points * (1.0, 1.0, 0.0)
-    node = np.array([np.argmin(np.linalg.norm(flat - point, axis=1)) for point in level])
+    node = np.array([np.argmin(np.linalg.norm(flat - point, axis=1)) for point in points * (1.0, 1.0, 0.0)])
     pairs, classes, _, faces = tu.topology()
     return Landmarks(node, points[:, 2].copy(), tu.masses(p), faces, pairs[classes == tu.MUSCLE], tu.mirror_nodes())

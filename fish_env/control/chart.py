@@ -97,8 +97,7 @@ def square(fish, generator, times):
     """Left and right in turn at 1 to 6 Hz, the segments after one another."""
     frequency, lag = generator.uniform(1.0, 6.0), np.cumsum([0.0, *generator.uniform(0.0, 0.35, 2)])
     wave = np.sin(2 * np.pi * (frequency * times[:, None] - lag)) >= 0.0
-    strength = generator.uniform(0.3, 1.0)
-    return for_pairs(fish, strength * np.stack([wave, ~wave], axis=2).reshape(1, len(times), 6))[0]
+    return for_pairs(fish, generator.uniform(0.3, 1.0) * np.stack([wave, ~wave], axis=2).reshape(1, len(times), 6))[0]
 
 
 def gaits(fish, generator, times, highest=6.0):
@@ -117,9 +116,6 @@ def sprints(fish, generator, times):
 
 FAMILIES = ((held, 16), (bang_bang, 16), (square, 16), (gaits, 8), (sprints, 8))
 """Families of commands, and how many scenes of each."""
-
-
-# Scenes, their reference, errors and costs
 
 
 class Setting(NamedTuple):
@@ -208,8 +204,7 @@ def magnification(scenes: Setting, substeps: int) -> np.ndarray:
     noise = np.random.default_rng(SEED).normal(size=(len(scenes.goals), *body.position.shape))
     moved = move(scenes, "rk4", substeps, disturbed=DISTURBANCE * scenes.fish.length * noise * (body.inverse_mass > 0))
     still = move(scenes, "rk4", substeps)
-    apart = distances(scenes.fish, moved.path, still.path) / DISTURBANCE
-    return np.where(moved.alive & still.alive, apart, np.inf)
+    return np.where(moved.alive & still.alive, distances(scenes.fish, moved.path, still.path) / DISTURBANCE, np.inf)
 
 
 def converge(name: str, solve: Callable, apart: Callable, steps: tuple[int, int], allowed: float) -> tuple:
@@ -286,9 +281,6 @@ def measure(scenes: Setting, truth: Reference, line: Line, batch: int) -> tuple[
         "us_per_interval": round(float(np.median([run.price for run in runs])), 3), "batch": batch,
         "rk4_substeps": truth.substeps, "change": truth.change,
     }, error  # fmt: skip
-
-
-# The chart
 
 
 def draw_errors(panel, rows: Sequence[dict]) -> None:

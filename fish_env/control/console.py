@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 import gymnasium as gym
@@ -19,11 +20,11 @@ LINE = 2000  # characters of an error: a file may hold text of any length
 INSTALL = 'pip install "fish_env[train]"'
 
 
-def import_from_here(name: str) -> None:
+def import_from_here(name: str) -> ModuleType:
     """Import a module of a user, from the present folder too; ValueError if it cannot be."""
     sys.path.insert(0, os.getcwd())  # where `python -m fish_env` looks, and the installed program does not
     try:
-        import_module(name)
+        return import_module(name)
     except (ImportError, SyntaxError, TypeError, ValueError) as error:  # the last two for names that no module has
         raise ValueError(f"the module {name!r} cannot be imported: {error}") from error
 

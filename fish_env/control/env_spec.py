@@ -11,6 +11,7 @@ from typing import Any
 
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
+from gymnasium.wrappers import TimeLimit
 
 from fish_env.checks import real
 from fish_env.envs import FishEnv, FishVectorEnv
@@ -107,6 +108,15 @@ def one_fish(env: gym.Env) -> tuple[FishEnv, str, dict[str, Any]]:
         )
     keywords = bare.spec.kwargs | bare.fish.changed
     return bare, env.spec.id, {name: value for name, value in keywords.items() if name != "render_mode"}
+
+
+def time_limit(env: gym.Env) -> int | None:
+    """The smallest limit of its `TimeLimit` wrappers, which may have been set since `gym.make`; None for none."""
+    found = []
+    while isinstance(env, gym.Wrapper):
+        found += [env._max_episode_steps] if isinstance(env, TimeLimit) else []
+        env = env.env
+    return min(found, default=None)
 
 
 def is_wrapper(wrapper: object, names: tuple[str, ...] = PASSIVE_WRAPPERS) -> bool:

@@ -1,7 +1,8 @@
 """A policy for Stable-Baselines3's PPO that is equivariant under the left-right reflection.
 
 Its action for a reflected observation is the reflected action. The fish, the water and all tasks have this symmetry: a
-turn to one side is trained by turns to the other, and no bias makes the fish swim to one side.
+turn to one side is trained by turns to the other, and no bias makes the fish swim to one side. It needs observations as
+they are: the running means of `VecNormalize` are no mirror images.
 
 This module loads torch and Stable-Baselines3, of the extra [train]; nothing else in the package imports it.
 
@@ -50,8 +51,7 @@ class Reflection(NamedTuple):
 
 def reflection_of(env: FishVectorEnv) -> Reflection:
     """Exchange of left and right in an environment."""
-    muscles = env.tank.fish.mirrored_muscles
-    return Reflection(*env.layout.reflection(), env.groups[muscles[env.first_muscle_of_group]])
+    return Reflection(*env.layout.reflection(), env.groups[env.tank.fish.mirrored_muscles[env.first_muscle_of_group]])
 
 
 def equivariant_options(env: FishVectorEnv) -> dict[str, Any]:
@@ -216,8 +216,7 @@ def actor_modules(policy: Any) -> tuple[nn.Module, list[nn.Module]]:
         raise ValueError(f"a {kind.__name__} is not exported; train PPO, A2C, SAC, TD3, DDPG or TQC with an MlpPolicy")
     if isinstance(policy, ActorCriticPolicy):
         if type(policy.mlp_extractor) not in (MlpExtractor, EquivariantExtractor):
-            name = type(policy.mlp_extractor).__name__
-            raise ValueError(f"hidden layers are a {name}; train with net_arch=[...]")
+            raise ValueError(f"hidden layers are a {type(policy.mlp_extractor).__name__}; train with net_arch=[...]")
         scaler, parts = policy.pi_features_extractor, [*policy.mlp_extractor.policy_net, policy.action_net]
     else:
         actor = policy.actor

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from fish_env.checks import is_whole
-from fish_env.control.env_spec import environment_of, make_checked_batch, one_fish, trained_of
+from fish_env.control.env_spec import environment_of, make_checked_batch, one_fish, time_limit, trained_of
 from fish_env.control.gait import Gait
 from fish_env.control.models import is_model, normalisation_of, trained_with
 from fish_env.control.policy import Normalisation, Policy, load_policy
@@ -58,8 +58,7 @@ def as_controller(policy: Any, env: FishVectorEnv) -> Controller:
         FileNotFoundError: if there is no such policy.
         ValueError: for anything else, or a policy that does not fit the environment, saying why.
     """
-    if isinstance(policy, str | Path):
-        policy = load_policy(policy)
+    policy = load_policy(policy) if isinstance(policy, str | Path) else policy
     if isinstance(policy, Policy) or is_model(policy):
         return policy_controller(policy, env)
     if hasattr(policy, "predict"):
@@ -101,6 +100,8 @@ def policy_controller(policy: Policy | Any, env: FishVectorEnv) -> Controller:
         since = round(time / env.control_interval) % every
         if since == 0:
             goal = decide(obs, time)
+        if every - since == 1:
+            return goal
         present = (2.0 * _final_contraction(env) - 1.0)[:, env.first_muscle_of_group].astype(np.float32)  # as actions
         return present + (goal - present) / (every - since)
 
@@ -266,8 +267,7 @@ def run_episodes(
     actions = (env.num_envs, *env.single_action_space.shape)
     yield done.copy(), done.copy(), infos
     while not done.all():
-        action = np.broadcast_to(controller(obs, time), actions)
-        obs, _, terminated, truncated, infos = env.step(action)
+        obs, _, terminated, truncated, infos = env.step(np.broadcast_to(controller(obs, time), actions))
         time += env.control_interval
         ended = (terminated | truncated) & ~done
         done |= ended
@@ -300,11 +300,10 @@ def evaluate(
         UserWarning: if more than half of the episodes are ended by a failure of the physics, or if the policy is of
             another task.
     """
-    if isinstance(policy, str | Path):
-        policy = load_policy(policy)
+    policy = load_policy(policy) if isinstance(policy, str | Path) else policy
     if isinstance(env, gym.Env):
         _, id, keywords = one_fish(env)
-        limit = env.get_wrapper_attr("_max_episode_steps") if env.has_wrapper_attr("_max_episode_steps") else None
+        limit = time_limit(env)
         count, _ = checked_episodes(EPISODES if episodes is None else episodes, seed)
         with closing(make_checked_batch(id, keywords | {"max_episode_steps": limit}, count)) as batch:
             return evaluate(batch, policy, seed, options)

@@ -69,6 +69,8 @@ def write_film(recordings: Recording | Sequence[Recording], path: str | Path) ->
     """
     path = writable_file(path, (PAGE, *VIDEOS))
     found = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if not all(isinstance(one, Recording) and one.steps for one in found):
+        raise ValueError("give recordings, as `record` and `load_recording` return them, of a step or more each")
     if path.suffix.lower() == PAGE:
         write_text(path, film_text(found))
     else:

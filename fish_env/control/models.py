@@ -44,14 +44,10 @@ def check_actions(actions: gym.Space, combined: bool = False) -> None:
 
 
 def normalisation_of(model: Any, combined: bool = False) -> Normalisation | None:
-    """The normalisation of observations by `VecNormalize` of a model's environment, or None.
+    """The normalisation of observations by `VecNormalize` of the environment that a model was trained in, or None.
 
-    Args:
-        model: of Stable-Baselines3, with the environment that it was trained in.
-        combined: the environment may have a wrapper of its own, which combines actions.
-
-    Raises:
-        ValueError: without an environment, or with wrappers that change observations or actions otherwise.
+    With `combined` it may have a wrapper of its own, which combines actions. ValueError without an environment, or with
+    wrappers that change observations or actions otherwise.
     """
     env, found = model.get_env(), None
     if env is None:

@@ -65,6 +65,8 @@ class Policy:
     def __post_init__(self):
         for name, allowed in (("hidden", HIDDEN), ("output", OUTPUT)):
             check_names(f"{name} is", allowed, getattr(self, name))
+        for name in ("weights", "biases"):
+            object.__setattr__(self, name, tuple(np.asarray(each, np.float32) for each in getattr(self, name)))
 
     def __call__(self, obs: np.ndarray) -> np.ndarray:
         """Actions (..., A) for observations (..., D); ValueError for what are no real numbers, such as text."""
@@ -75,10 +77,10 @@ class Policy:
                 raise ValueError(f"the observation is {obs!r} ({error}); give real numbers") from error
         if self.normalisation is not None:
             obs = self.normalisation(obs)
-        h = np.array(obs, np.float32, order="C")  # in another order products are rounded otherwise
+        h = np.array(obs, np.float32, order="C")[..., None, :]  # one by one: in batches products are rounded otherwise
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             h = HIDDEN[self.hidden](h @ weight + bias)
-        return OUTPUT[self.output](h @ self.weights[-1] + self.biases[-1])
+        return OUTPUT[self.output](h @ self.weights[-1] + self.biases[-1])[..., 0, :]
 
     def check(self, observations: Box, actions: Box) -> None:
         """ValueError unless the policy is made for such observations and actions, the spaces of one fish."""
@@ -92,10 +94,13 @@ class Policy:
     def save(self, path: str | Path) -> None:
         """Write the policy, whole or not at all; nothing in the file is pickled.
 
-        An `env_id` such as "module:Name-v0" loses its module: no file can have one imported.
+        An `env_id` such as "module:Name-v0" loses its module: no file can have one imported. ValueError for another
+        ending than `.npz`, and for what `load_policy` would refuse.
         """
-        with replacing(Path(path)) as partial:
-            np.savez(partial, **self.parts())
+        parts = self.parts()
+        _policy_of(parts, None)  # now, as the model is still there
+        with replacing(writable_file(path, (".npz",))) as partial, partial.open("wb") as file:  # it keeps any name
+            np.savez(file, **parts)
 
     def to_onnx(self, path: str | Path) -> None:
         """Write an `.onnx` model from `observation` (B,D) to `action` (B,A), float32; `load_policy` reads it again.
@@ -120,7 +125,8 @@ class Policy:
         parts |= {"hidden": self.hidden, "output": self.output}
         parts |= {f"weight{k}": weight for k, weight in enumerate(self.weights)}
         parts |= {f"bias{k}": bias for k, bias in enumerate(self.biases)}
-        return parts if self.normalisation is None else parts | self.normalisation._asdict()
+        scaled = self.normalisation
+        return parts if scaled is None else parts | scaled._asdict() | {"limit": float(scaled.limit)}
 
 
 def shipped_policies() -> dict[str, Path]:

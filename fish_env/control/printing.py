@@ -42,7 +42,6 @@ def _print_table(
         print(f"  {name}: {text or 'no options'}")
     heads = [*short, *others]
     rows = {metric: cells for metric, cells in rows.items() if metric not in SIGNED}
-    columns = zip(heads, *rows.values(), strict=True)
-    widths = [max(12, 2 + max(len(cell) for cell in column)) for column in columns]
+    widths = [max(12, 2 + max(len(cell) for cell in column)) for column in zip(heads, *rows.values(), strict=True)]
     for label, cells in {**({"": heads} if len(heads) > 1 else {}), **rows}.items():
         print(f"  {label:20}" + "".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True)))

@@ -9,6 +9,7 @@ Learners are compared by `VERSION` of a protocol (`fish_env.training.benchmark`)
 levels (`LEVELS`), budgets and seeds, and a score that is 0 for random actions and 1 for the best controller known.
 """
 
+import copy
 import json
 from collections.abc import Callable
 from contextlib import closing
@@ -98,15 +99,16 @@ def noise_by_part(env_id: str, share: float, **options) -> dict[str, float]:
 
 
 def robust_options(env_id: str, **options) -> dict[str, Any]:
-    """Keywords of an environment that is to be trained in under `TRAINING`, with these options."""
-    others = {name: value for name, value in TRAINING.items() if name != "noise"}
+    """Keywords of an environment that is to be trained in under `TRAINING`, with other options; else ValueError."""
+    others = {name: copy.deepcopy(value) for name, value in TRAINING.items() if name != "noise"}
+    if given := options.keys() & {*others, "observation_noise"}:
+        raise ValueError(f"TRAINING gives {', '.join(sorted(given))}; give other options, or change the result")
     return options | others | {"observation_noise": noise_by_part(env_id, TRAINING["noise"], **options)}
 
 
-@cache
 def level_options(task: str, level: str) -> dict[str, Any]:
     """Keywords of the environment of a task at a level of the protocol, those of its id left out."""
-    options = {name: value for name, value in LEVELS[level].items() if name == "observation"}
+    options = {name: copy.deepcopy(value) for name, value in LEVELS[level].items() if name == "observation"}
     if level == "hard" and task == "left_after_right":
         options["severity"] = 2.0
     return robust_options(TASKS[task][0], **options) if "noise" in LEVELS[level] else options

@@ -80,8 +80,8 @@ class Recording:
         parts: dict[str, Any] = {"kind": KIND, "format": FORMAT, "about": json.dumps(dict(self.about))}
         arrays = arrays_of(self)
         large = sum(array.nbytes for array in arrays.values()) > LARGEST  # then it is not read if it shrinks too much
-        with replacing(path) as partial:
-            (np.savez if large else np.savez_compressed)(partial, **parts, **arrays)
+        with replacing(path) as partial, partial.open("wb") as file:  # numpy adds an ending to some names
+            (np.savez if large else np.savez_compressed)(file, **parts, **arrays)
         return path
 
 

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 from fish_env.checks import finite_array, is_whole
-from fish_env.control.env_spec import one_fish
+from fish_env.control.env_spec import one_fish, time_limit
 from fish_env.control.evaluation import Controller, PolicyLike, as_controller
 from fish_env.control.recording import SHAPES, Recording, as_json, env_of, load_recording, versions
 from fish_env.envs import FishEnv
@@ -61,8 +61,7 @@ def record(
     if not is_whole(seed) or seed < 0:
         raise ValueError(f"seed is {seed!r}; give a whole number, zero or more: a recording must be repeatable")
     wanted: dict[str, Any] = {} if options is None else as_json(options, "options")
-    limited = env.has_wrapper_attr("_max_episode_steps")  # may have been set since `gym.make`
-    steps = env.get_wrapper_attr("_max_episode_steps") if steps is None and limited else steps
+    steps = time_limit(env) if steps is None else steps
     act, limit = _controller(policy, bare, steps)
     about = {
         "env_id": id,

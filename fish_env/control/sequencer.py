@@ -126,9 +126,8 @@ class Sequencer:
 
     def begin_turns(self, which: np.ndarray, wanted: np.ndarray) -> None:
         """Begin a turn by `wanted` (B,) rad, or by as much of it as the table has, for the fish of the mask (B,)."""
-        table = self.tables.turns.values
-        size = np.minimum(np.abs(wanted), table[-1, 0])
-        rows = motor.scaled_turns(self.tables.turns, size)
+        turns = self.tables.turns
+        rows = motor.scaled_turns(turns, np.minimum(np.abs(wanted), turns.values[-1, 0]))
         side = np.sign(wanted)
         self.rows = np.where(which[:, None], rows, self.rows)
         self.side = np.where(which, side, self.side)
@@ -307,4 +306,9 @@ def scripted(env: FishVectorEnv, tables: MotorTables | None = None, config: Sequ
 def random_actions(env: FishVectorEnv, seed: int = 0) -> Callable[[np.ndarray, float], np.ndarray]:
     """A controller that draws every action uniformly from the whole range, whatever the fish sees."""
     generator = np.random.default_rng(seed)
-    return lambda obs, time: generator.uniform(-1.0, 1.0, env.action_space.shape)
+
+    def act(obs: Any, time: float) -> np.ndarray:
+        count = len(obs["observation"] if isinstance(obs, dict) else obs)  # `env` may be one fish of a batch
+        return generator.uniform(-1.0, 1.0, (count, *env.single_action_space.shape))
+
+    return act

@@ -23,6 +23,8 @@ from fish_env.control.evaluation import EPISODES, FIRST_SEED, PolicyLike, Scores
 from fish_env.control.policy import Policy, load_policy
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.episode import Episodes
+from fish_env.tasks import TASKS
+from fish_env.tasks.options import keywords_of
 
 RESAMPLES = 2000
 NORMAL = 1.959964  # standard deviations within which 95 % of a normal distribution lie
@@ -30,8 +32,12 @@ SHARES = frozenset({"success", "settled", "avoided", "avoided_possible", "passed
 """Metrics that are shares: of episodes where each is 0 or 1, or means of shares within episodes."""
 SIGNED = frozenset({"turn"})
 """Metrics whose sign is a side: their means say nothing, and tables leave them out."""
-INTERFACE_OPTIONS = {"observation", "history", "muscle_groups", "privileged", "control_interval", "max_episode_steps"}
-"""Keywords that only say what a policy sees and how it acts: policies that differ in them meet the same episodes."""
+INTERFACE_OPTIONS = {
+    "observation", "history", "muscle_groups", "privileged", "control_interval", "max_episode_steps", "info_every_step",
+    "threads", "lanes", "width", "height", "camera", "panel",
+}  # fmt: skip
+"""Keywords of what a policy sees, how it acts, pictures and speed: policies that differ in them meet the same episodes.
+"""
 
 
 class Interval(NamedTuple):
@@ -223,13 +229,15 @@ def same_environments(policies: Sequence[PolicyLike], changes: Mapping[str, Any]
     own = [one if isinstance(one, Policy) and one.about["env_id"] == env_id else named for one in policies]
     found = [first if one is named else environment_for(one, changes)[1] for one in own]
     usual = {name: each.default for name, each in inspect.signature(Episodes.__init__).parameters.items()}
-    usual |= gym.registry[env_id].kwargs
+    kwargs = gym.registry[env_id].kwargs
+    usual |= keywords_of(TASKS.get(kwargs.get("task", ""), object)) | kwargs
     late = any(np.any(options.get(name, 0)) for options in found for name in ("observation_delay", "action_delay"))
     apart = INTERFACE_OPTIONS - ({"control_interval"} if late else set())
     for options in found:
         texts = {name: [json.dumps(each.get(name, usual.get(name)), sort_keys=True, default=repr)
                         for each in (first, options)] for name in sorted(first.keys() | options.keys())}  # fmt: skip
-        other = {name: each for name, each in texts.items() if name not in apart and each[0] != each[1]}
+        other = {name: each for name, each in texts.items() if name not in apart
+                 and json.loads(each[0]) != json.loads(each[1])}  # fmt: skip
         if other:
             said = ", ".join(f"{name} ({' and '.join(each)})" for name, each in other.items())
             raise ValueError(

@@ -221,8 +221,7 @@ class Episodes(Stateful, ReadOnly):
             self._compile()
 
     def __getstate__(self):
-        compiled = dict.fromkeys(("_env", "_envs", "_engine", "_rows", "_measure_and_observe", "_step"))
-        return self.__dict__ | compiled
+        return self.__dict__ | dict.fromkeys(("_env", "_envs", "_engine", "_rows", "_measure_and_observe", "_step"))
 
     def __setstate__(self, state: dict[str, Any]):
         self.__dict__ |= own(state, state["_vectors"])
@@ -231,10 +230,9 @@ class Episodes(Stateful, ReadOnly):
     @property
     def interface(self) -> dict[str, Any]:
         """Control interval, s, muscle groups and sizes of the observed parts, for which a policy is trained here."""
-        single = np.array_equal(self.groups, np.arange(self.groups.size))
         return {
             "control_interval": self.control_interval,
-            "muscle_groups": "muscles" if single else "pairs",
+            "muscle_groups": "muscles" if np.array_equal(self.groups, np.arange(self.groups.size)) else "pairs",
             "observation": {part.name: part.size for part in self.layout},
         }
 
@@ -271,8 +269,7 @@ class Episodes(Stateful, ReadOnly):
         new = {i: np_random(seed) for i, seed in wanted.items()}
         for i, (generator, seed) in new.items():  # none of them if a seed is rejected
             self._generators[i], self._seeds[i] = generator, seed
-        found = (self._generators[i] for i in which)
-        return [generator for generator in found if generator is not None]
+        return [generator for generator in (self._generators[i] for i in which) if generator is not None]
 
     def advance(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One control interval: reward (B,) float64, terminated (B,), truncated (B,), as copies; then `observe`."""

@@ -79,8 +79,7 @@ def checked_picture(width, height, camera, panel) -> dict[str, Any]:
 
 def fish_for(body: str, water: Any) -> Fish:
     """The fish of a name in BODIES, calibrated for the water if that is a level for which it is."""
-    named = isinstance(body, str) and body in BODIES
-    calibrated = named and isinstance(water, str) and water in BODIES[body].waters
+    calibrated = isinstance(body, str) and body in BODIES and isinstance(water, str) and water in BODIES[body].waters
     return make_fish(body, water=water) if calibrated else make_fish(body)
 
 

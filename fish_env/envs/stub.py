@@ -17,7 +17,6 @@ class StubVectorEnv(FishVectorEnv):
 
     def _compile(self):
         super()._compile()
-        # a kernel, which runs as Python
         self._measure_and_observe = make_measure_and_observe(self._kernels, self._sensing)
         self._step = None
 
@@ -29,8 +28,7 @@ class StubVectorEnv(FishVectorEnv):
         tank, fish, contraction = self.tank, self.tank.fish, self._contraction
         shorter = contraction - fish.lengthening * contraction[:, fish.mirrored_muscles]
         tank.rest_length[:, fish.muscles] = tank.natural - shorter * tank.span
-        velocity = tank.fish.length * contraction.mean(axis=1)[:, None] * self._pose.axes[:, 0]
-        tank.velocity[:] = velocity[:, None]
+        tank.velocity[:] = (tank.fish.length * contraction.mean(axis=1)[:, None] * self._pose.axes[:, 0])[:, None]
         tank.position[:] += tank.velocity * self.control_interval
         tank.time[:] += self.control_interval
         self._measure_and_observe(self._env, 0, self.num_envs, True)

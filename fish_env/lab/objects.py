@@ -364,8 +364,7 @@ class ObjectScene(Scene):
         for plane in planes if planes is not None else []:
             inward = self._turn @ plane[:3]
             if inward[2] < 0.5 and not (self.upright and abs(inward[1]) > 0.5):
-                corners = SQUARE @ sides[np.abs(inward) < 0.5]
-                sheets.append(inward * plane[3] + self._offset(number) + corners)
+                sheets.append(inward * plane[3] + self._offset(number) + SQUARE @ sides[np.abs(inward) < 0.5])
         return sheets
 
     def readings(self) -> list[list[float]]:

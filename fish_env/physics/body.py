@@ -119,6 +119,8 @@ def node_numbers(body: Body, nodes) -> np.ndarray:
         if nodes.shape != body.mass.shape:
             raise ValueError(f"the mask of nodes has shape {nodes.shape}; give {body.mass.shape}")
         nodes = np.flatnonzero(nodes)
+    if np.unique(nodes).size < nodes.size:
+        raise ValueError(f"the nodes are {nodes.tolist()}; give each of them once")
     return node_array(nodes.reshape(-1, 1), 1, body.mass.size, "fixed nodes")[:, 0]
 
 

@@ -44,6 +44,8 @@ FISH = {
 
 def check_elements(body: Body) -> None:
     """Raise ValueError unless the elements of a body contain valid node numbers, and their arrays are consistent."""
+    if not isinstance(body, Body):
+        raise ValueError(f"body is a {type(body).__name__}; give a Body, such as that of an object: thing.body")
     if np.ndim(body.mass) != 1 or not len(body.mass):
         raise ValueError(f"mass has shape {np.shape(body.mass)}; give one mass a node, (N,) with N at least 1")
     check_record("", body, ELEMENTS)

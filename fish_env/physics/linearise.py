@@ -75,7 +75,7 @@ def linearise(tank: "Tank", contraction: np.ndarray, steps: int) -> Jacobians:
     count = 2 * nodes + len(driven)
     shape = tank.num_fish, count
     found = Jacobians(np.zeros((*shape, count)), np.zeros((*shape, fish.num_muscles)))
-    effort, duration = tank.effort.copy(), steps * tank.dt
+    effort, pending, duration = tank.effort.copy(), tank.control.rate.copy(), steps * tank.dt
     tank.command(contraction, duration)
     try:
         block = engine.new_block(1, Kind("dual"))
@@ -92,7 +92,7 @@ def linearise(tank: "Tank", contraction: np.ndarray, steps: int) -> Jacobians:
             found.state[b, 2 * nodes :, 2 * nodes :] = of_state
             found.command[b, : 2 * nodes], found.command[b, 2 * nodes :] = rate @ command / duration, command
     finally:
-        tank.control.rate[:], tank.effort[:] = 0.0, effort
+        tank.control.rate[:], tank.effort[:] = pending, effort
     return found
 
 

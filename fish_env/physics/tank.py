@@ -1,6 +1,7 @@
 """Tank: B fish of one kind in water, or B other elastic objects. The one stateful simulation class."""
 
 import copy
+import math
 import warnings
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -74,8 +75,9 @@ class Tank(ReadOnly, Generic[Elastic]):
         self.energy = bool(energy)
         fish, self.world = frozen(copy.deepcopy((fish, water)))
         if dt is not None and (reason := options.too_long(fish, self.world, self.integrator, self.dt)):
-            failing = f"{self.integrator.name!r} will fail on {fish.name!r} in this water"
-            warnings.warn(f"{failing}: {reason}; give a shorter dt or none, or another integrator", stacklevel=3)
+            failing = f"{self.integrator.name!r} {'will' if self.refine == math.inf else 'may'} fail on {fish.name!r}"
+            said = f"{failing} in this water: {reason}; give a shorter dt or none, or another integrator"
+            warnings.warn(said, stacklevel=3)
         self.fish, self._own, body, b = fish, fish.body, fish.body, self.num_fish
         self._conditions: Any = None
         self._conditions = None if self.world.anchors is None else _boundary().present(self)
@@ -217,8 +219,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         found, rest = [], self.control.rest_length
         for i, (length, x, v) in enumerate(zip(rest, self.state.x, self.state.v, strict=True)):
             body, world = self._varied(i, self.world)
-            evaluator = Evaluator(body, world._replace(current=np.zeros(3)))
-            found.append(evaluator.energies(length, x, v - world.current))
+            found.append(Evaluator(body, world._replace(current=np.zeros(3))).energies(length, x, v - world.current))
         return {name: np.array([each[name] for each in found]) for name in found[0]}
 
     @property
@@ -354,7 +355,7 @@ class Tank(ReadOnly, Generic[Elastic]):
             raise ValueError(f"mask is {mask!r}; give a boolean array ({self.num_fish},), or None for all fish")
         for array, value in zip(self.state, (self.fish.body.position, 0.0, 0.0, 0, 0, 0.0), strict=True):
             array[which] = value
-        self.control.rest_length[which] = self.fish.body.springs.rest_length
+        self.control.rest_length[which], self.control.rate[which] = self.fish.body.springs.rest_length, 0.0
         self.effort[which] = self.flow[which] = 0.0
         self._impose()
 
@@ -363,7 +364,7 @@ class Tank(ReadOnly, Generic[Elastic]):
         self._threads.close()
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Copies of all that determines the further motion, and of what was counted.
+        """Copies of all that determines the further motion but a command that has not ended, and of what was counted.
 
         Their names are x, v, t, failure, counters, work, rest_length, variation, muscle_variation and length_variation,
         and flow if it is measured.
@@ -381,6 +382,7 @@ class Tank(ReadOnly, Generic[Elastic]):
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Restore a state that `get_state` returned, under the present boundary conditions (`grab`, `fix`, `move`).
 
+        Rest lengths then stay until the next command.
         It must be of the same body, of which only the shapes are checked.
 
         Raises:
@@ -392,6 +394,7 @@ class Tank(ReadOnly, Generic[Elastic]):
             array[...] = checked[name]
         for i, row in enumerate(checked["variation"]):
             self._set_variation(i, row)
+        self.control.rate[:] = 0.0
         self._impose()
 
     def nearest(self, point, nodes=None, i=0) -> int:
@@ -418,7 +421,8 @@ class Tank(ReadOnly, Generic[Elastic]):
                pressure=1.0) -> None:  # fmt: skip
         """Change materials and surroundings of all bodies while they move; a `reset` keeps them.
 
-        Factors are over what the tank was made with (`fish_env.soft.changes.change_body`), and not over the last ones.
+        Factors are over what the tank was made with (`fish_env.soft.changes.change_body`), and not over the last ones:
+        one that is left out is 1 again.
 
         Args:
             gravity: (3,) m/s2; None leaves it.
@@ -449,7 +453,7 @@ class Tank(ReadOnly, Generic[Elastic]):
     def move(self, nodes, along, axes: str = "xyz", method: str = "elimination") -> None:
         """Prescribe the motion of nodes of every body, until `fix`, `release` or another `move`.
 
-        It replaces previous conditions of these nodes; the rest of the state is unchanged. A node gets its velocity at
+        It replaces previous conditions of these nodes along these axes, and any penalty. A node gets its velocity at
         once, whatever its inertia. A function is called before every step of dt for the displacement at its end, and
         the node moves there at constant velocity. So it is on its path at the end of every step. A body that is reset
         continues from its rest position, by the rest of the displacement.
@@ -473,8 +477,8 @@ class Tank(ReadOnly, Generic[Elastic]):
     def release(self, nodes=None) -> None:
         """Release the drag spring of `grab` (None); or nodes, numbers or a mask (N,), from `grab`, `fix` and `move`.
 
-        They keep their present velocity. Degrees of freedom that `fish_env.physics.body.fix` fixes remain fixed. A
-        missing node raises ValueError.
+        They keep their present velocity: for ever along axes that `fish_env.physics.body.fix` holds, so `fix` these
+        before. A missing node raises ValueError.
         """
         _boundary().release(self, nodes)
 

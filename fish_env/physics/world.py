@@ -95,9 +95,7 @@ def change_water(water: World, /, **named) -> World:
 
     The water is taken to have the density and the viscosity that are the defaults of `make_water`. A drag coefficient
     does not go from the linear law to another or back, a righting couple goes with inertia, unless they are named.
-
-    Raises:
-        ValueError: as `make_water`, and for added mass without inertia, or viscosity without friction.
+    ValueError as `make_water`, and for added mass without inertia, or viscosity without friction.
     """
     own: dict[str, Any] = {
         "density": 1000.0, "law": law_of(water), "current": water.current, "thinning": water.thinning,

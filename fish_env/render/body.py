@@ -44,7 +44,9 @@ def body_picture(body: Body, view: View) -> tuple[pygame.Surface, tuple[int, int
         order = order[np.argsort(depth[skin.faces[order]].mean(axis=1), kind="stable")]
         warmth = np.clip(skin.influence @ (body.contraction if body.contraction.size else none), 0.0, 1.0)[:, None]
         colour = (skin.colour + warmth * (CONTRACTED - skin.colour))[order]
-        draw_quads(canvas[0], shade(normal[order], thin[order], colour, view.light), pixels[skin.faces[order]])
+        shades = groups(shade(normal[order], thin[order], colour, view.light), 3)
+        for shaded, corners in zip(shades, groups(pixels[skin.faces[order]], 2, 4), strict=True):
+            pygame.draw.polygon(canvas[0], shaded, corners)
     if not look.surfaces:
         pixels, _ = view.project(body.position)
         for start, end in pixels[look.springs].tolist():
@@ -59,12 +61,6 @@ def surface_over(pixels: np.ndarray, margin: int) -> tuple[pygame.Surface, tuple
     low = np.floor(pixels.min(axis=0)).astype(int) - margin
     size = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + margin - low, LARGEST)
     return pygame.Surface(size.tolist(), pygame.SRCALPHA, 32), tuple(low.tolist())
-
-
-def draw_quads(surface: pygame.Surface, colours: np.ndarray, corners: np.ndarray) -> None:
-    """Draw quadrilaterals with corners (Q,4,2), in pixels, in colours (Q,3), the first one first."""
-    for colour, places in zip(groups(colours, 3), groups(corners, 2, 4), strict=True):
-        pygame.draw.polygon(surface, colour, places)
 
 
 def groups(array: np.ndarray, *sizes: int):

@@ -130,10 +130,9 @@ def draw_arrow(canvas, tail, tip, unit, pen, colour) -> None:
     across = np.array((-along[1], along[0]))
     head, half, barb = min(0.1 * unit, size), 0.014 * unit, 0.05 * unit
     neck = tip - head * along
-    outline = [
+    corners = [tuple(point) for point in (
         tail + half * across, neck + half * across, neck + barb * across, tip,
         neck - barb * across, neck - half * across, tail - half * across,
-    ]  # fmt: skip
-    corners = [tuple(point) for point in outline]
+    )]  # fmt: skip
     pygame.draw.polygon(canvas, FOAM, corners, max(1, round(9 * pen)))
     pygame.draw.polygon(canvas, colour, corners)

@@ -45,7 +45,10 @@ class Renderer:
         # on, and ResetNeeded before the first `reset`.
         if not self.env._started:
             raise gym.error.ResetNeeded("render was called before reset; call env.reset() first")
-        self._remember()
+        for path, centre in zip(self._paths, self.env._pose.centre, strict=True):
+            place = centre.tobytes()
+            if not path or path[-1] != place:
+                path.append(place)
         if self.env.render_mode == "human":
             self._show()
             return None
@@ -60,12 +63,6 @@ class Renderer:
         if self._has_window():
             pygame.display.quit()
         self._window = None
-
-    def _remember(self) -> None:
-        for path, centre in zip(self._paths, self.env._pose.centre, strict=True):
-            place = centre.tobytes()
-            if not path or path[-1] != place:
-                path.append(place)
 
     def _picture(self, i: int) -> pygame.Surface:
         return draw_surface(make_frame(self.env, i, self.path(i), self._look), self.form)

@@ -34,7 +34,8 @@ def ripples(size: int) -> pygame.Surface:
     for wave, bend in ((2, 0.022), (5, 0.007)):
         x, y = x + bend * np.sin(2 * np.pi * wave * y), y + bend * np.sin(2 * np.pi * wave * x + 1)
     nearest, second = np.full(x.shape, 9.0), np.full(x.shape, 9.0)
-    for px, py in scatter_points(7):
+    cells = np.stack(np.meshgrid(np.arange(7), np.arange(7)), axis=-1).reshape(-1, 2)  # a point somewhere in each
+    for px, py in (cells + np.random.default_rng(4).uniform(0.05, 0.95, cells.shape)) / 7:
         dx, dy = np.abs(x - px) % 1, np.abs(y - py) % 1
         distance = np.hypot(np.minimum(dx, 1 - dx), np.minimum(dy, 1 - dy))
         second = np.minimum(second, np.maximum(nearest, distance))
@@ -42,12 +43,6 @@ def ripples(size: int) -> pygame.Surface:
     gap = second - nearest
     bright = (0.4 * np.exp(-gap / 0.014) + 0.4 * np.exp(-gap / 0.05))[..., None]
     return pygame.transform.smoothscale(from_pixels(DEEP + bright * (SHALLOW - DEEP)), (size, size))
-
-
-def scatter_points(rows: int) -> np.ndarray:
-    """Points (rows * rows, 2) in the unit square, one somewhere in each cell of a grid; always the same."""
-    cells = np.stack(np.meshgrid(np.arange(rows), np.arange(rows)), axis=-1).reshape(-1, 2)
-    return (cells + np.random.default_rng(4).uniform(0.05, 0.95, cells.shape)) / rows
 
 
 @lru_cache(maxsize=4)
@@ -60,8 +55,7 @@ def vignette(width: int, height: int) -> pygame.Surface:
 
 def draw_turned_bed(canvas: pygame.Surface, unit: float, centre, origin, pen: float, angle: float) -> None:
     """Fill the canvas as `draw_bed` does, seen by a camera turned by an angle, counter-clockwise, rad."""
-    farthest = np.hypot(*np.maximum(origin, np.array(canvas.get_size()) - origin))
-    side = 2 * int(farthest + 2)
+    side = 2 * int(np.hypot(*np.maximum(origin, np.array(canvas.get_size()) - origin)) + 2)
     level = sheet(side)
     draw_bed(level, unit, centre, (side / 2, side / 2), pen)
     turned = pygame.transform.rotate(level, -np.degrees(angle))

@@ -76,8 +76,7 @@ def layers_of(thing: Any) -> list[tuple[np.ndarray, tuple, float]]:
     a, b = thing.skin.T
     if not two:
         return [(fan(a), outer, 1.0)]
-    band = np.stack([a, b, thing.inner[b], thing.inner[a]], axis=1)
-    return [(band, outer, 1.0), (fan(thing.inner[a]), inner, 1.0)]
+    return [(np.stack([a, b, thing.inner[b], thing.inner[a]], axis=1), outer, 1.0), (fan(thing.inner[a]), inner, 1.0)]
 
 
 def fan(ring: np.ndarray) -> np.ndarray:

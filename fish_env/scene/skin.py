@@ -68,8 +68,7 @@ def fork_tail(weights, nodes, corners, tail, length) -> np.ndarray:
     """Draw the middle of the tail fin's rear edge towards its root, so that the fin is forked; weights (V,N)."""
     if len(tail) < 2:
         return weights
-    fin = np.isin(corners, tail).any(axis=1)
-    root = np.setdiff1d(corners[fin], tail)
+    root = np.setdiff1d(corners[np.isin(corners, tail).any(axis=1)], tail)
     points = weights @ nodes
     start, end = nodes[root, 0].mean(), nodes[tail, 0].mean()
     behind = np.clip((points[:, 0] - start) / (end - start), 0.0, 1.0)

@@ -89,8 +89,7 @@ def allowed_error(body: Body, tolerance) -> np.ndarray:
     size, stiffness, rate = np.ptp(body.position, axis=0).max(), body.springs.stiffness, body.max_stiffness_eigenvalue
     if stiffness.size:
         rate = stiffness.mean() / body.mass.sum()
-    scale = np.repeat([size, size * np.sqrt(rate)], 3 * body.mass.size)
-    return np.maximum(tolerance * scale, np.finfo(float).tiny)
+    return np.maximum(tolerance * np.repeat([size, size * np.sqrt(rate)], 3 * body.mass.size), np.finfo(float).tiny)
 
 
 def solve(body: Body, world: World, state: State, control, duration, method="DOP853", tolerance=TOLERANCE) -> None:

@@ -133,8 +133,8 @@ def grab(tank: Tank, node: int, point, stiffness, damping, rest_length, velocity
     """`Tank.grab`."""
     if not (is_whole(node) and 0 <= node < tank.state.x.shape[1]):
         raise ValueError(f"node is {node!r}; give a whole number from 0 to {tank.state.x.shape[1] - 1}")
-    anchors = make_anchors([node], [point], stiffness, damping, rest_length, velocity)
-    apply(tank, present(tank)._replace(drag=anchors))
+    point, velocity = finite_array(point, (3,), "point (m)"), finite_array(velocity, (3,), "velocity (m/s)")
+    apply(tank, present(tank)._replace(drag=make_anchors([node], [point], stiffness, damping, rest_length, velocity)))
 
 
 def move(tank: Tank, nodes, along, axes: str, method: str) -> None:
@@ -208,16 +208,14 @@ def impose(tank: Tank) -> None:
     """Set the velocities of the eliminated degrees of freedom of all valid bodies."""
     held = tank._conditions.held
     if held.any():
-        alive = tank.state.failure == 0
-        tank.state.v[:] = np.where(held & alive[:, None, None], tank._conditions.velocity, tank.state.v)
+        tank.state.v[:] = np.where(held & tank.alive[:, None, None], tank._conditions.velocity, tank.state.v)
 
 
 def start_penalties(tank: Tank) -> None:
     """Set the velocities of nodes that penalties hold or move to those prescribed: else they would swing in first."""
     penalties = tank._conditions.penalties
     if penalties is not None:
-        alive = np.flatnonzero(tank.state.failure == 0)
-        tank.state.v[np.ix_(alive, penalties.node)] = penalties.velocity
+        tank.state.v[np.ix_(np.flatnonzero(tank.alive), penalties.node)] = penalties.velocity
 
 
 def update_anchors(tank: Tank) -> None:

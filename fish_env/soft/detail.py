@@ -52,6 +52,8 @@ class LevelOfDetail:
         positive_array(self.margin, (), "margin", zero=True)
         if not self.margin < 1:
             raise ValueError(f"margin is {self.margin}; give a number from 0 to less than 1")
+        if self.level is not None:
+            whole(self.level, "level", 0, FINEST)
         self.gaps = [facet_gap(level) for level in range(FINEST + 1)]
 
     def choose(self, distance: float, focal: float) -> int:

@@ -136,26 +136,27 @@ def node_masses(skin: Skin, radius: float, mass: float, density: float | None) -
     return found
 
 
-def natural_lengths(length, pull, stiffness) -> np.ndarray:
-    """Natural lengths (E,) m of springs that pull with `pull` (E,) N at `length`; ValueError if one is not positive."""
+def natural_lengths(length, pull, stiffness, name: str, given: float) -> np.ndarray:
+    """Natural lengths (E,) m of springs that pull with `pull` (E,) N at `length`; ValueError if one is not positive.
+
+    Their stiffness follows from the material `name`, which is `given`, N/m.
+    """
     natural = length - pull / stiffness
     if natural.min() <= 0:
-        worst = int(np.argmin(natural))
-        raise ValueError(
-            f"the pressure would stretch spring {worst} by more than its length; give a stiffness above "
-            f"{pull[worst] / length[worst]:.3g} N/m"
-        )
+        least = given * (pull / (length * stiffness)).max()
+        raise ValueError(f"the pressure would stretch springs by more than their length; give {name} above {least:.4g}")
     return natural
 
 
 def one_layer(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -> tuple[Body, dict[str, slice], Skin]:
     """A body at rest of the outer skin alone, filled with gas: what two layers are compared with (ch. 1.5, 2.1)."""
-    chosen = chosen.crowded(len(skin.place), skin.faces.shape[1] == 2)
+    own, chosen = chosen, chosen.crowded(len(skin.place), skin.faces.shape[1] == 2)
     position = chosen.radius * skin.place
     stiffness = chosen.stiffness * factor * np.ones(len(skin.edges))
     length = np.linalg.norm(position[skin.edges[:, 1]] - position[skin.edges[:, 0]], axis=1)
     power = 1 if skin.faces.shape[1] == 2 else 2
-    length = natural_lengths(length, chosen.pressure * chosen.radius**power * tensions(skin), stiffness)
+    pull = chosen.pressure * chosen.radius**power * tensions(skin)
+    length = natural_lengths(length, pull, stiffness, "stiffness", own.stiffness)
     gas = fill(position, [skin.faces], [chosen.pressure])
     body = make_body(
         position, node_masses(skin, chosen.radius, chosen.mass, chosen.density), skin.edges, stiffness,
@@ -167,7 +168,7 @@ def one_layer(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -
 def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) -> tuple[Body, dict[str, slice], Skin]:
     """A body at rest of an outer skin and its inner copy, joined by springs; factor (E,) on those along the edges."""
     n, count, flat = len(skin.place), len(skin.edges), skin.faces.shape[1] == 2
-    chosen = chosen.crowded(n, flat)
+    own, chosen = chosen, chosen.crowded(n, flat)
     pairs, kinds = layer_springs(skin)
     radii = np.repeat([chosen.radius, chosen.inner_radius], n)
     position = radii[:, None] * np.tile(skin.place, (2, 1))
@@ -178,13 +179,11 @@ def two_layers(skin: Skin, chosen: TwoLayers, factor: float | np.ndarray = 1.0) 
     ])  # fmt: skip
     length = np.linalg.norm(position[pairs[:, 1]] - position[pairs[:, 0]], axis=1)
     pull, power = tensions(skin), 1 if flat else 2
-    inward = np.concatenate([
-        chosen.gap_pressure * chosen.radius**power * pull,
-        (chosen.pressure - chosen.gap_pressure) * chosen.inner_radius**power * pull,
-    ])  # fmt: skip
-    length[: 2 * count] = natural_lengths(length[: 2 * count], inward, stiffness[: 2 * count])
-    counts = [which.stop - which.start for which in kinds.values()]
-    time = np.repeat(chosen.damping_times(), counts)
+    outward = chosen.gap_pressure, chosen.pressure - chosen.gap_pressure
+    for k, name in enumerate(("stiffness", "inner_stiffness")):
+        which, pulling = slice(k * count, (k + 1) * count), outward[k] * radii[k * n] ** power * pull
+        length[which] = natural_lengths(length[which], pulling, stiffness[which], name, getattr(own, name))
+    time = np.repeat(chosen.damping_times(), [which.stop - which.start for which in kinds.values()])
     outer = node_masses(skin, chosen.radius, chosen.mass, chosen.density)
     inner = node_masses(skin, chosen.inner_radius, chosen.inner_mass, chosen.inner_density)
     turned = skin.faces[:, ::-1] if flat else skin.faces[:, [0, 3, 2, 1]]

@@ -102,8 +102,7 @@ def lumped_mass(position, tets, density, rule="quarter") -> np.ndarray:
     volume = np.linalg.det(position[tets[:, 1:]] - position[tets[:, :1]]) / 6
     for t in np.flatnonzero(~(volume > 0)):
         raise ValueError(f"tetrahedron {t} has the volume {volume[t]:g} m3; give elements of positive volume")
-    shape = volume.shape if np.ndim(density) else ()
-    mass = volume * positive_array(density, shape, "density (kg/m3)")
+    mass = volume * positive_array(density, volume.shape if np.ndim(density) else (), "density (kg/m3)")
     if rule == "uniform":
         return np.full(len(position), mass.sum() / len(position))
     return np.bincount(tets.ravel(), np.repeat(mass / 4, 4), minlength=len(position))

@@ -15,6 +15,7 @@ from fish_env.physics import forces
 from fish_env.physics.fish import Fish
 from fish_env.physics.forces.evaluate import Evaluator
 from fish_env.physics.records import World
+from fish_env.physics.world import checked_water
 
 INSTANTS = 128  # at which a period is sampled; a step of the Runge-Kutta method spans two of them
 PLACES = np.linspace(0.0, 1.0, 101)  # along the body, at which a function is sampled
@@ -72,7 +73,8 @@ def prescribe(fish: Fish, midline, period: float, water: World | None = None, sp
     period = float(positive_array(period, (), "period (s)"))
     if speed is not None and not np.isfinite(real(speed)):
         raise ValueError(f"speed is {speed!r}; give a finite number of m/s, or None")
-    swimmer = _Swimmer(fish, _angles(_given(midline, period)), period, fish.water if water is None else water)
+    water = fish.water if water is None else checked_water(water, fish.water)
+    swimmer = _Swimmer(fish, _angles(_given(midline, period)), period, water)
     if speed is not None:
         return swimmer.report(np.array([speed, 0.0, 0.0]), free=False)
     u, size, change = swimmer.at_rest(), np.array([1.0, 1.0, fish.length]), np.inf

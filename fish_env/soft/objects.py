@@ -52,7 +52,7 @@ def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_tim
         mass: kg, of all but one node, which are equal, or (nodes,) one each.
         stiffness: of the whole string, N/m.
         relaxation_time: damping over stiffness, s.
-        fixed: numbers of the nodes that do not move; some must.
+        fixed: numbers of the nodes that do not move, or a boolean mask (nodes,); none for ().
 
     Raises:
         ValueError: naming the argument, its value, and what is allowed.
@@ -71,7 +71,7 @@ def make_string(nodes=2, *, length=0.2, mass=0.05, stiffness=8.0, relaxation_tim
     each = mass if mass.ndim else np.full(nodes, mass / count)
     body = make_body(position, each, pairs, constant, constant * relaxation_time,
                      np.full(count, length / count), NO_FACES)  # fmt: skip
-    body = fix(fix(body, np.arange(nodes), "yz"), np.asarray(fixed, dtype=np.int64).reshape(-1))
+    body = fix(fix(body, np.arange(nodes), "yz"), fixed if np.size(fixed) else np.zeros(0, np.int64))
     down = np.array([1.0, 0.0, 0.0])
     return Layered(
         name="string", body=body, length=length, water=room(down, 1.2 * length), time_step=1 / 960,
@@ -112,8 +112,7 @@ def make_sphere(slices=12, stacks=8, layers=2, **materials) -> Layered:
     """
     slices, stacks = whole(slices, "slices", 3), whole(stacks, "stacks", 2)
     fits_memory(slices * stacks, 64 * slices * stacks, "slices times stacks")
-    skin = globe(slices, stacks)
-    thing = layered_object("sphere", skin, layers, GLOBE, materials, (0.0, 0.0, -1.0))
+    thing = layered_object("sphere", globe(slices, stacks), layers, GLOBE, materials, (0.0, 0.0, -1.0))
     return replace(thing, time_step=1 / 3840)  # light nodes near the poles
 
 

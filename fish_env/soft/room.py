@@ -1,5 +1,6 @@
 """Base class of elastic objects: a body with the direction of gravity and its skin; and a room with walls around it."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -72,9 +73,11 @@ def room(down, size: float, restitution=0.5, gravity=GRAVITY, closed=False) -> W
     """Gravity, m/s2, and walls at `size` m from the origin along x and along `down`, (3,): the room of an object.
 
     `down` is a unit vector, along which gravity pulls; `restitution` is as of `make_world`. Closed, the room has walls
-    on all six sides, floor and ceiling included, so that nothing can leave.
+    on all six sides, floor and ceiling included, so that nothing can leave. ValueError for other numbers.
     """
-    down, size, gravity = finite_array(down, (3,), "down"), real(size), real(gravity)
+    down, size, gravity = finite_array(down, (3,), "down"), float(positive_array(size, (), "size (m)")), real(gravity)
+    if not math.isclose(np.linalg.norm(down), 1.0, rel_tol=1e-9):
+        raise ValueError(f"down is {down}; give a unit vector")
     sides = {(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), tuple(down.tolist())}
     if closed:
         sides |= {tuple(side) for side in np.concatenate([np.eye(3), -np.eye(3)]).tolist()}

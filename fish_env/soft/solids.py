@@ -15,7 +15,7 @@ from fish_env.soft.mesh import Mesh, grid, lumped_mass
 from fish_env.soft.room import InRoom, room, whole
 
 DOWN = np.array([0.0, 0.0, -1.0])
-SPACIOUS = 1.5  # from the middle of an object to the walls, over its length
+SPACIOUS = 1.5  # from the middle of an object to the walls, over its longest side
 MOST_NODES = 50_000  # more take minutes to build
 STEP, FRAME = 1 / 1920, 1 / 60  # s
 
@@ -71,8 +71,7 @@ def make_beam(cells=10, *, across=2, length=0.4, thickness=0.08, clamped=False, 
 @representable("the block")
 def make_block(cells=4, *, side=0.16, strain="corotational", lumping="quarter", **material) -> Solid:
     """A cube of so many cells along each edge, an even number; `side` m, all else as of `make_beam`."""
-    mesh = bar(cells, cells, side, side)
-    return solid("block", mesh, (choose_material(SOFT, material),), strain, lumping)
+    return solid("block", bar(cells, cells, side, side), (choose_material(SOFT, material),), strain, lumping)
 
 
 @representable("the ball")
@@ -129,8 +128,7 @@ def make_two_materials(cells=8, *, across=2, length=0.32, thickness=0.08, soft=S
 
 def choose_material(standard: SolidMaterial, given: dict) -> SolidMaterial:
     """Change some fields of a material; ValueError for an unknown one."""
-    names = [field.name for field in fields(SolidMaterial)]
-    check_names("a material has no field", names, *given)
+    check_names("a material has no field", [field.name for field in fields(SolidMaterial)], *given)
     return replace(standard, **given)
 
 
@@ -157,8 +155,8 @@ def solid(name: str, mesh: Mesh, materials: tuple[SolidMaterial, ...], strain, l
     body = make_body(mesh.position, mass, [], [], [], [], mesh.faces, tets=tets)
     if clamped:
         body = fix(body, mesh.position[:, 0] == mesh.position[:, 0].min())
-    length = float(np.ptp(mesh.position[:, 0]))
+    length, *others = np.ptp(mesh.position, axis=0).tolist()
     return Solid(
-        name=name, body=body, length=length, water=room(DOWN, SPACIOUS * length), time_step=STEP,
+        name=name, body=body, length=length, water=room(DOWN, SPACIOUS * max(length, *others)), time_step=STEP,
         control_interval=FRAME, down=DOWN, outer=np.unique(mesh.faces), skin=mesh.faces, material=which,
     )  # fmt: skip

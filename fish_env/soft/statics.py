@@ -29,7 +29,7 @@ from scipy.sparse import block_array, csc_array, csr_array, diags_array, eye_arr
 from scipy.sparse.csgraph import structural_rank
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from fish_env.checks import check_names, finite_array, is_whole, positive_array
+from fish_env.checks import check_names, finite_array, is_whole, positive_array, real
 from fish_env.physics.body import node_numbers
 from fish_env.physics.failures import ESCAPED
 from fish_env.physics.forces.evaluate import Evaluator
@@ -80,7 +80,7 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
     world = world._replace(added_mass=None)  # at rest, nothing accelerates
     if world.planes is not None:
         raise ValueError("the world has walls, which stop motion; fix the nodes that rest on them instead (body.fix)")
-    if not tolerance > 0:
+    if not real(tolerance) > 0:
         raise ValueError(f"tolerance is {tolerance!r}; give a positive number")
     rest = _given(rest_length, body.springs.rest_length, "rest_length (m)")
     x = _given(start, body.position, "start (m)")
@@ -100,8 +100,7 @@ def equilibrium(body: Body, world: World = VACUUM, rest_length=None, start=None,
         floor = ROUNDING * np.abs(matrix.diagonal()).max() * np.abs(x).max()
         if not np.abs(f).max() > max(wanted, floor):
             return x
-        rigid = rigid_motions(body, world, x, internal)
-        x, f = _newton(x, f, force, free, _solver(body, matrix, rigid, SLACK))
+        x, f = _newton(x, f, force, free, _solver(body, matrix, rigid_motions(body, world, x, internal), SLACK))
     raise NoEquilibrium(f"forces of {np.abs(f).max():g} N are left after {MOST_STEPS} steps; {ADVICE}")
 
 
@@ -263,8 +262,7 @@ def _lowest(matrix, free, root, count):
         values, vectors = np.linalg.eigh(scaled.toarray())
         return values[:count], vectors[:, :count]
     shift = -SHIFT * np.abs(scaled.diagonal()).max()  # just below zero, so that rigid motions leave it regular
-    factors = splu((scaled - shift * eye_array(free.size)).tocsc(), **SYMMETRIC)
-    inverse = LinearOperator(scaled.shape, factors.solve)
+    inverse = LinearOperator(scaled.shape, splu((scaled - shift * eye_array(free.size)).tocsc(), **SYMMETRIC).solve)
     _, vectors = eigsh(scaled, k=count, sigma=shift, OPinv=inverse, v0=np.cos(np.arange(free.size)))
     basis = np.linalg.qr(vectors)[0]
     values, turn = np.linalg.eigh(basis.T @ (scaled @ basis))  # separates the modes of close eigenvalues

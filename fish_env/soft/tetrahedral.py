@@ -77,8 +77,7 @@ def make_mesh(p, level):
     along = np.interp(at, np.arange(7), layers_of(p)[0])
     width, depth = (np.interp(at, layer, side) for side in sides)
     mesh = grid(along, width, depth, 2 * level, 2 * level)
-    place = np.interp(-mesh.position[mesh.tets, 0].mean(axis=1), -along, at)
-    return mesh, place.astype(int)
+    return mesh, np.interp(-mesh.position[mesh.tets, 0].mean(axis=1), -along, at).astype(int)
 
 
 def corner_lines(mesh) -> np.ndarray:

@@ -131,8 +131,7 @@ def corners_of(faces) -> tuple[np.ndarray, np.ndarray]:
 
 def reverse_faces(faces) -> np.ndarray:
     """Turn faces (F,4) to be seen from inside; a triangle's third node stays the one given twice."""
-    turned = faces[:, [0, 3, 2, 1]]
-    return np.where(faces[:, 2:3] == faces[:, 3:4], faces[:, [1, 0, 2, 3]], turned)
+    return np.where(faces[:, 2:3] == faces[:, 3:4], faces[:, [1, 0, 2, 3]], faces[:, [0, 3, 2, 1]])
 
 
 def springs(p, skin, kinds, braces, bending, shear, inner) -> np.ndarray:
@@ -143,16 +142,13 @@ def springs(p, skin, kinds, braces, bending, shear, inner) -> np.ndarray:
         layer[nodes] = number
     ahead, behind = np.sort(layer[skin.edges], axis=1).T
     between = ahead != behind
-    section = np.where(between, ahead, ahead - 0.5)
-    taper = np.exp(np.interp(section, np.arange(6), np.log(p.taper)))
+    taper = tu.along(p.taper, np.where(between, ahead, ahead - 0.5))
     factor = np.where(between & (ahead > 0), np.array([1.0, *bending])[ahead.astype(int).clip(0, 5)], 1.0)
     edge = np.where(between & (ahead >= 1) & (ahead <= 3), muscle, other) * taper * factor
     stiffness = np.empty(kinds["shear right"].stop)
     stiffness[kinds["outer"]] = edge
     stiffness[kinds["inner"]] = inner * edge
-    stiffness[kinds["radius"]] = other * np.exp(np.interp(layer - 0.5, np.arange(6), np.log(p.taper)))
+    stiffness[kinds["radius"]] = other * tu.along(p.taper, layer - 0.5)
     for kind in ("shear left", "shear right"):
         stiffness[kinds[kind]] = np.where(between, shear * cross, other) * taper  # stiff enough to keep a layer square
-    section = layer[braces].min(axis=1)
-    brace = shear * cross * np.exp(np.interp(section, np.arange(6), np.log(p.taper)))
-    return np.concatenate([stiffness, brace])
+    return np.concatenate([stiffness, shear * cross * tu.along(p.taper, layer[braces].min(axis=1))])

@@ -49,14 +49,11 @@ class LeftAfterRightTask(CommandedTurns):
     def draw_turns(self, i, generator, options):
         """Draw turns to one side and the other, each commanded before the one before it is complete."""
         course = self.course
-        side = generator.choice([-1.0, 1.0])
-        if "side" in options:
-            side = -1.0 if options["side"] < 0 else 1.0
+        side = -1.0 if options.get("side", generator.choice([-1.0, 1.0])) < 0 else 1.0
         course.count[i] = 1 + self.reversals
-        course.wait[i, 0] = generator.uniform(*self.wait)
+        course.wait[i, 0] = options.get("wait", generator.uniform(*self.wait))
         for k in range(1 + self.reversals):
-            angle = generator.uniform(*self.angle)
-            angle = options.get(("first", "second")[k % 2], angle)
+            angle = options.get(("first", "second")[k % 2], generator.uniform(*self.angle))
             course.angle[i, k] = side * (-1.0) ** k * min(self.severity * angle, np.pi)
             if k > 0:
                 by_time = generator.random() < 0.5
@@ -65,4 +62,3 @@ class LeftAfterRightTask(CommandedTurns):
                     course.wait[i, k] = options.get("dwell", dwell)
                 else:
                     course.part[i, k], course.wait[i, k] = options.get("part", part), PATIENCE
-        course.wait[i, 0] = options.get("wait", course.wait[i, 0])

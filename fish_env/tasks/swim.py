@@ -60,8 +60,7 @@ class SwimTask(CompiledTask):
         super().__init__(**weights)
         self.heading_error = HEADING_ERROR.checked("heading_error", heading_error)
         self.speed = None if speed is None else SPEED.checked_range("speed", speed)
-        heading = Option(-np.pi, np.pi, "the commanded heading, rad")
-        self.reset_options = {**POSE_OPTIONS, "heading": heading}
+        self.reset_options = {**POSE_OPTIONS, "heading": Option(-np.pi, np.pi, "the commanded heading, rad")}
         self.directions = (Direction("commanded heading", "in the body frame", 1.0, 0.3),)
         if self.speed is not None:
             self.reset_options["speed"] = SPEED

@@ -252,10 +252,9 @@ class CommandedTurns(CompiledTask):
     def draw_turns(self, i, generator, options) -> None:
         """Set the course of fish i: count, angle, wait and part. Here one turn, commanded by time."""
         angle, side = generator.uniform(*self.angle), generator.choice([-1.0, 1.0])
-        wait = generator.uniform(*self.wait)
         self.course.count[i] = 1
         self.course.angle[i, 0] = options.get("turn", side * angle)
-        self.course.wait[i, 0] = options.get("wait", wait)
+        self.course.wait[i, 0] = options.get("wait", generator.uniform(*self.wait))
 
     def metrics(self, tank: Tank, i, seconds):
         """Metrics of the last commanded turn; angles in degrees, lengths in body lengths."""
@@ -263,8 +262,6 @@ class CommandedTurns(CompiledTask):
         error = abs(wrap_angle(course.heading[i] - steady_facing(course, i)))
         made = bool(course.stage[i] == course.count[i] and np.isfinite(record.latency[i]))
         settled = bool(error <= SETTLED)
-        speed = np.linalg.norm(self._before[i] - self._start[i]) / length / seconds
-        lost = 1.0 - record.after[i] / record.before[i] if record.before[i] > 0 else np.nan
         return {
             "success": made and settled,
             "settled": settled,
@@ -273,8 +270,8 @@ class CommandedTurns(CompiledTask):
             "overshoot": float(np.degrees(record.overshoot[i])),
             "radius": float(record.radius[i] / length),
             "turning_rate": float(np.degrees(record.rate[i])),
-            "speed_lost": float(lost),
+            "speed_lost": float(1.0 - record.after[i] / record.before[i]) if record.before[i] > 0 else np.nan,
             "turn": float(np.degrees(course.angle[i, course.stage[i] - 1])) if course.stage[i] else 0.0,
             "peak_strain": float(self.strain[i]),
-            "speed": float(speed),
+            "speed": float(np.linalg.norm(self._before[i] - self._start[i]) / length / seconds),
         }

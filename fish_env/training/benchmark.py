@@ -5,10 +5,8 @@
 A learner is a function of a `Trial` that returns what `fish_env.control.evaluate` takes: a model, a policy, a function.
 """
 
-import copy
 import json
 import os
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -74,13 +72,12 @@ class Trial:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Its keywords, a copy."""
-        return copy.deepcopy(level_options(self.task, self.level))  # a change would change the evaluation
+        """Its keywords."""
+        return level_options(self.task, self.level)
 
     def make_env(self, num_envs: int, **training) -> VecEnv:
         """The batch to train on; `training` are keywords that differ in training, such as shorter episodes."""
-        options = self.options | training
-        return make_sb3_vec_env(self.env_id, num_envs, self.seed, staggered=True, **options)
+        return make_sb3_vec_env(self.env_id, num_envs, self.seed, staggered=True, **self.options | training)
 
 
 Learner = Callable[[Trial], PolicyLike]
@@ -105,9 +102,7 @@ def find_learner(name: str) -> Learner:
     if name == "ppo":
         return ppo
     module, colon, function = name.rpartition(":")
-    if colon:
-        import_from_here(module)
-    found = getattr(sys.modules.get(module), function, None)
+    found = getattr(import_from_here(module), function, None) if colon else None
     if not callable(found):
         raise ValueError(f"the learner is {name!r}; give ppo, or module:function of a function of a Trial")
     return found

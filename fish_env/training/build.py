@@ -16,11 +16,7 @@ from fish_env.training.synergy import SynergyWrapper, batch_of, common_actions, 
 
 
 def make_env(config: TrainConfig, num_envs: int, seed: int) -> VecEnv:
-    """The batch of fish to train on, its returns logged.
-
-    Raises:
-        ValueError: for one that observes goals, is not of fish, or has no time limit.
-    """
+    """The batch of fish to train on, its returns logged; ValueError for goals, no fish, or no time limit."""
     options = config.env_options | config.training_options
     env = make_sb3_vec_env(config.env_id, num_envs, seed=seed, staggered=True, **options)
     if isinstance(env.observation_space, Dict):
@@ -60,9 +56,7 @@ def load_model(folder: Path, config: TrainConfig | None = None, env: VecEnv | No
     """The learner that a run has saved, to continue in an environment with these settings, or to start another from.
 
     `PPO.load` executes what is in the file: resume no run of somebody whom you do not trust.
-
-    Raises:
-        ValueError: if the file cannot be read, or is of another policy than the settings ask for.
+    ValueError if it cannot be read, or is of another policy than the settings ask for.
     """
     settings = {} if config is None or env is None else _hyperparameters(config, env, folder)
     try:
@@ -109,9 +103,7 @@ def start_from(model: PPO, other: PPO) -> None:
 
     An action that the other did not have, the difference between the muscles of a pair, starts at zero and with the
     noise of a fresh learner; one that this learner does not have is left out.
-
-    Raises:
-        ValueError: if the observations of their tasks differ, or their networks do.
+    ValueError if the observations of their tasks differ, or their networks do.
     """
     mine, given = model.policy.state_dict(), other.policy.state_dict()
     fish = batch_of(model.get_env()).tank.fish

@@ -30,11 +30,7 @@ def finite_mean(values: Iterable[float]) -> float:
 
 
 class Progress(BaseCallback):
-    """A progress bar: environment steps, their rate, and the mean score and return of recent episodes.
-
-    Args:
-        score: the metric that is the score, or "return".
-    """
+    """A progress bar: environment steps, their rate, and the mean return and `score`, a metric, of recent episodes."""
 
     def __init__(self, score: str = "return"):
         super().__init__()
@@ -72,12 +68,8 @@ class Progress(BaseCallback):
 class LearningCurve(BaseCallback):
     """Appends a row to curve.csv, of the episodes ended since the last one: `CURVE` and the terms of the reward.
 
-    All their metrics go to TensorBoard.
-
-    Args:
-        folder: of the run.
-        score: the metric that is the score, or "return".
-        min_episodes: a row is written as soon as so many have ended.
+    All their metrics go to TensorBoard. `score` is the metric that is the score, or "return"; a row is written as soon
+    as `min_episodes` have ended.
     """
 
     def __init__(self, folder: Path, score: str, min_episodes: int = 100):
@@ -127,8 +119,7 @@ class LearningCurve(BaseCallback):
 class Checkpoint(BaseCallback):
     """Saves the model every so many seconds, replacing the last one only when the new one is complete.
 
-    Attributes:
-        trained_steps: environment steps that the model has been trained on.
+    `trained_steps` are the environment steps that the model has been trained on.
     """
 
     def __init__(self, path: Path, trained_steps: int, seconds: float = 30.0):

@@ -130,14 +130,9 @@ For a policy on another body."""
 
 
 def settings_for(request: Request, resumed: Mapping[str, Any] | None = None) -> tuple[TrainConfig, int]:
-    """Settings and seed of the requested run.
+    """Settings and seed of the requested run; `resumed` is config.json of the run that is to be resumed.
 
-    Args:
-        request: of the run.
-        resumed: config.json of the run that is to be resumed.
-
-    Raises:
-        ValueError: for an unknown task or body, or a setting that is unknown or not allowed.
+    ValueError for an unknown task or body, or a setting that is unknown or not allowed.
     """
     known = [each.name for each in fields(TrainConfig) if each.name != "env_id"]
     for name in request.changes:

@@ -163,8 +163,7 @@ def measure_motion(recording: Recording, one: FilmEpisode, fish: Fish) -> charts
     x, y = one.command[0, :2] if one.command[0, :2].any() else fish.line @ recording.position[0, :, :2]
     along, start = np.arctan2(y, x), one.centre[0, :2]
     turn = np.array([[np.cos(along), -np.sin(along)], [np.sin(along), np.cos(along)]])
-    spheres = one.spheres[one.spheres[..., 3] > 0.0]
-    places = np.unique(np.round(spheres, 9), axis=0).reshape(-1, 4)
+    places = np.unique(np.round(one.spheres[one.spheres[..., 3] > 0.0], 9), axis=0).reshape(-1, 4)
     around, path = ((points[:, :2] - start) @ turn / fish.length for points in (places, one.centre))
     return charts.Motion(one.time, path, one.contraction, np.column_stack([around, places[:, 3]]))
 

@@ -43,9 +43,7 @@ def versions() -> dict[str, str]:
 def open_folder(request: Request) -> Iterator[Path]:
     """The folder of the requested run, made if it is missing, and locked until the context or the program ends.
 
-    Raises:
-        ValueError: if it holds another run or cannot be written to.
-        RuntimeError: if another program is training in it.
+    ValueError if it holds another run or cannot be written to, RuntimeError if another program is training in it.
     """
     if request.resume is not None:
         folder = writable_folder(request.resume)
@@ -79,13 +77,8 @@ def _new_folder(request: Request) -> Path:
 def read_record(folder: Path, task: str | None = None) -> dict[str, Any]:
     """The content of config.json of a run: task, seed, config, commit, and what else `train` has noted.
 
-    Args:
-        folder: of the run.
-        task: that it must be of; None for any.
-
-    Raises:
-        FileNotFoundError: if a task is given, and the folder holds no run.
-        ValueError: if it is not such a record, its settings are not those of this version, or it is of another task.
+    FileNotFoundError if a task is given, which it must be of, and the folder holds no run. ValueError if it is not such
+    a record, its settings are not those of this version, or it is of another task.
     """
     path = Path(folder) / "config.json"
     if task is not None and not (path.is_file() and path.with_name("model.zip").is_file()):
@@ -105,11 +98,7 @@ def read_record(folder: Path, task: str | None = None) -> dict[str, Any]:
 
 
 def read_curve(folder: Path) -> list[dict[str, float]]:
-    """The rows of curve.csv of a run, numbers by column: `CURVE` and terms of the reward; none without the file.
-
-    Raises:
-        ValueError: if it is not such a table.
-    """
+    """Rows of curve.csv of a run, `CURVE` and terms of the reward; none without it, ValueError for another table."""
     path = Path(folder) / "curve.csv"
     try:
         with path.open(newline="", encoding="utf-8") as file:

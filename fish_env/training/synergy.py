@@ -18,11 +18,7 @@ ACTION_LIMIT = 3.0  # a learner's actions are not clipped to [-1, 1]: those of t
 
 
 def batch_of(env: VecEnv | None) -> FishVectorEnv:
-    """The batch of fish under the wrappers of a `VecEnv`.
-
-    Raises:
-        ValueError: if there is no environment, or none of fish.
-    """
+    """The batch of fish under the wrappers of a `VecEnv`; ValueError if there is no environment, or none of fish."""
     bare = None if env is None else env.unwrapped
     if not isinstance(bare, FishVecEnv):
         raise ValueError(f"the environment is {bare!r}; give one that make_sb3_vec_env returned")
@@ -66,12 +62,7 @@ def mirrored_actions(fish: Fish) -> np.ndarray:
 
 
 class SynergyWrapper(VecEnvWrapper):
-    """Turns a learner's actions into those of the muscles of the environment.
-
-    Args:
-        venv: the environment.
-        twist: False for one action a pair.
-    """
+    """Turns a learner's actions into those of the muscles of the environment; `twist` is False for one a pair."""
 
     def __init__(self, venv: VecEnv, twist: bool = True):
         env = batch_of(venv)

@@ -118,9 +118,8 @@ def learn(model: PPO, config: TrainConfig, folder: Path, request: Request) -> bo
 def _save(model: PPO, folder: Path, about: dict[str, Any]) -> None:
     """Save the model and its policy, each whole or not at all, in the folder or else in one of `FALLBACK_FOLDERS`.
 
-    Raises:
-        ValueError: for parameters that are not finite, before any file is replaced.
-        RuntimeError: if the folder does not take them, saying where they are.
+    ValueError for parameters that are not finite, before any file is replaced; RuntimeError, which says where they are,
+    if the folder does not take them.
     """
     check_finite(model)
     reasons = []

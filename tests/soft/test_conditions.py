@@ -371,6 +371,7 @@ def test_anchors_of_a_heavier_body(name):
         ([23], "xyz", "fixed nodes contain node 23; valid numbers are 0 to 22"),
         ([0, -1], "x", "fixed nodes contain node -1; valid"),
         ([0.5], "x", "fixed nodes have shape"),
+        ([3, 3], "x", r"the nodes are \[3, 3\]; give each of them once"),
         (np.zeros(22, bool), "x", r"the mask of nodes has shape \(22,\); give \(23,\)"),
         ([0], "w", "axes are 'w'; give some of 'xyz'"),
         ([0], "", "axes are ''; give some of 'xyz'"),

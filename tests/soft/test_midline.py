@@ -144,6 +144,7 @@ def test_tables():
         (np.zeros((3, 3)), {}, r"midline has shape \(3, 3\); give a function"),
         ("wave", {}, "midline is not an array of numbers"),
         (wave, {"period": 0.0}, r"period \(s\) is 0.0 at \(\); give positive"),
+        (wave, {"water": "soup"}, "unknown water 'soup'; choose from 'none', 'drag'"),
         (wave, {"speed": "fast"}, "speed is 'fast'; give a finite number of m/s, or None"),
     ],
 )  # fmt: skip

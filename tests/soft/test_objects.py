@@ -1,5 +1,6 @@
 """Elastic objects of one layer and of two: topology, balance at rest, scenes, rooms, levels of detail, the mouse."""
 
+import re
 from dataclasses import replace
 from functools import partial
 
@@ -34,6 +35,7 @@ from fish_env.soft.objects import (
     room,
 )
 from fish_env.soft.skins import KINDS, circle, even_factors, globe, octasphere, tensions
+from fish_env.soft.solids import make_beam
 from fish_env.soft.statics import equilibrium, modes
 from fish_env.soft.volume import volume_of
 
@@ -253,7 +255,14 @@ def test_damping_of_each_kind():
         (make_ring, {"colour": 1}, "unknown material 'colour'; choose from 'radius', 'inner_radius'"),
         (make_ring, {"mass": -1.0}, "mass is -1.0; give a finite, positive number"),
         (make_ring, {"inner_radius": 0.1}, "inner_radius is 0.1 m; give less than the radius, 0.1 m"),
-        (make_ring, {"gap_pressure": 1e4}, "stretch spring [0-9]+ by more than its length; give a stiffness above"),
+        (make_ring, {"gap_pressure": 1e4}, "stretch springs by more than their length; give stiffness above"),
+        (make_string, {"nodes": 4, "fixed": (1.9,)}, "fixed nodes have shape"),
+        (make_string, {"nodes": 4, "fixed": [True]}, "the mask of nodes has shape"),
+        (make_string, {"nodes": 4, "fixed": (1, 1)}, "give each of them once"),
+        (make_beam, {"young": [1.0, 2.0]}, "young"),
+        (make_beam, {"young": "soft"}, "young"),
+        (room, {"down": (0, 0, -1), "size": -1.0}, "size"),
+        (room, {"down": (0, 0, -2), "size": 1.0}, "down is .*; give a unit vector"),
         (make_ring, {"layers": 3}, "layers is 3; give a whole number, 1 to 2"),
         (make_ring, {"layers": 1, "inner_mass": 0.1}, "inner_mass is given for one layer, which has none; give layers"),
         (make_ring, {"density": -1.0}, "density is -1.0; give a finite, positive number, or None"),
@@ -267,6 +276,31 @@ def test_refused(make, arguments, message):
     """What cannot be built is refused with what was given and what is allowed."""
     with pytest.raises(ValueError, match=message):
         make(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("make", "given"),
+    [(make_uniform_sphere, {"pressure": 3000.0}), (make_uniform_sphere, {"pressure": 3000.0, "layers": 1}),
+     (partial(make_ring, 6), {"pressure": 4500.0, "layers": 1}), (make_ring, {"gap_pressure": 1e4})],
+)  # fmt: skip
+def test_a_stiffness_that_suffices(make, given):
+    """Who does what the errors say, for each layer, gets the object."""
+    named = []
+    while len(named) < 3:
+        try:
+            make(**given)
+            break
+        except ValueError as error:
+            name, least = re.search(r"give (\w+) above (\S+)$", str(error)).groups()
+            named.append(name)
+            given = given | {name: 1.001 * float(least)}
+    assert 0 < len(named) == len(set(named)) < 3
+
+
+def test_which_nodes_of_a_string_are_fixed():
+    """Numbers and a mask name the same ones."""
+    for fixed in ((1, 3), np.array([False, True, False, True])):
+        assert np.flatnonzero(make_string(4, fixed=fixed).body.inverse_mass[:, 0] == 0.0).tolist() == [1, 3]
 
 
 # Motion
@@ -568,6 +602,13 @@ def test_objects_in_place_of_fish():
     assert one.body.compartments.gas.size == 1 and none.body.compartments is None
 
 
+def test_a_thick_beam_is_in_its_room():
+    """Nothing begins behind a wall, whatever the proportions."""
+    thing = make_beam(2, length=0.1, thickness=0.4)
+    normal, offset = thing.water.planes[:, :3], thing.water.planes[:, 3]
+    assert (thing.body.position @ normal.T > offset).all()
+
+
 def test_room():
     """An open room has a floor and two walls; a closed one six walls, all the same distance from the origin."""
     assert len(room((0.0, -1.0, 0.0), 0.3).planes) == 3
@@ -677,6 +718,7 @@ def test_a_motion_is_carried_over_to_another_level():
     [
         (lambda: LevelOfDetail(margin=1.0), "margin is 1.0; give a number from 0 to less than 1"),
         (lambda: LevelOfDetail(radius=0.0), r"radius \(m\)"),
+        (lambda: LevelOfDetail(level=9), "level is 9; give a whole number, 0 to 3"),
         (lambda: LevelOfDetail().choose(0.0, 800.0), r"distance \(m\)"),
         (lambda: LevelOfDetail().choose(1.0, float("nan")), r"focal \(pixels\)"),
         (lambda: facet_gap(9), "level is 9; give a whole number, 0 to 3"),
