@@ -19,6 +19,7 @@ A policy is named by the task of one that is shipped, by its file, or by the fol
 import argparse
 import inspect
 import json
+import math
 import os
 import platform
 import shlex
@@ -198,7 +199,7 @@ def settings_from(option: str, words: Sequence[str]) -> dict[str, Any]:
         try:
             found[name] = as_tuples(json.loads(text))
         except ValueError:
-            found[name] = text
+            found[name] = math.inf if text == "inf" else text
     return found
 
 
@@ -222,6 +223,7 @@ def run_training(arguments: argparse.Namespace) -> None:
     module, colon, name = arguments.task.rpartition(":")
     if colon:
         import_from_here(module)
+    module = module or arguments.task_module or ""
     task = next((short for short, config in CONFIGS.items() if config.env_id == name), name)
     if task not in {*CONFIGS, *gym.registry} and similar(task, CONFIGS):
         check_names("unknown task", CONFIGS, task)

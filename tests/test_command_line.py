@@ -129,8 +129,17 @@ def test_a_run_for_each_seed(capsys, monkeypatch):
     assert command_line.main(["train", "swim", "--seeds", "3", "1", "3", "--timesteps", "2048"]) == 0
     assert [(one.seed, one.folder, one.changes) for one in given] == [(s, None, {"timesteps": 2048}) for s in (3, 1)]
     assert "fish_env report run3 run1\n" in capsys.readouterr().out
+    assert command_line.main(["train", "swim", "--seeds", "2", "--task-module", "json"]) == 0
+    assert given.pop().module == "json" and "report run2 --task-module json\n" in capsys.readouterr().out
     assert command_line.main(["train", "swim", "--seeds", "0", "-1"]) == 2 and len(given) == 2
     assert "seed is -1; give a whole number" in capsys.readouterr().err
+
+
+def test_values_of_keywords():
+    """Numbers, also infinite ones, lists and names."""
+    words = ["refine=inf", "dt=1e-3", "action_delay=[0, 2]", "water=drag", "panel=true"]
+    wanted = {"refine": np.inf, "dt": 1e-3, "action_delay": (0, 2), "water": "drag", "panel": True}
+    assert command_line.settings_from("--env-kwargs", words) == wanted
 
 
 @pytest.mark.parametrize(

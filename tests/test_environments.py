@@ -226,6 +226,17 @@ def test_sb3_vec_env():
     assert infos[1]["TimeLimit.truncated"] is False and infos[1]["failure"].startswith("non-finite")
 
 
+@pytest.mark.parametrize("name", [name for name, record in INTEGRATORS.items() if record.kind != "adaptive"])
+def test_default_steps_divide_any_control_interval(name):
+    """They are those of the fish's own interval there, and no longer elsewhere."""
+    own = fish_env.Tank(make_fish(), integrator=name).dt
+    for interval in (0.01, 0.02, 0.03, 0.05, 0.25):
+        env = FishVectorEnv(1, integrator=name, control_interval=interval)
+        assert env._substeps * env.tank.dt == pytest.approx(interval, rel=1e-12) and env.tank.dt < 1.1 * own
+        if interval == 0.02:
+            assert env.tank.dt == own
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

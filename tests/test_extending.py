@@ -80,6 +80,7 @@ swimming.reset(seed=0)
 for _ in range(10):
     assert not swimming.step(swimming.action_space.sample())[2]
 assert swimming.action_space.shape == (4,)
+assert gym.make("FishEnv/Swim-v0", body="minnow", water="drag").unwrapped.tank.world.added_mass is None
 env.reset(seed=0, options={"distance": 0.001, "yaw": 1.0})
 terminated = False
 while not terminated:

@@ -275,6 +275,9 @@ def test_misspelt_names():
             make(TURNS, **{given: 0.02})
     with pytest.raises(AttributeError, match="give '_max_episode_steps'"):
         env.set_wrapper_attr("max_episode_steps", 2)
+    with pytest.raises(AttributeError, match=r"'wiat' cannot be set .*, or choose from") as refused:
+        env.set_wrapper_attr("wiat", 2)
+    assert "max_episode_steps" not in str(refused.value)
 
 
 def test_other_processes():

@@ -161,12 +161,13 @@ def bounds():
     over = []
     for task in list(names)[:2]:
         own = select(rows, task=task, swum_by="policy")
-        found = {quantity: select(own, quantity=quantity) for quantity in UNITS}
-        best, rewarded = (sum(row["bound"] for row in found[quantity]) for quantity in list(UNITS)[:2])
-        over += [sum(row["policy"] for row in found["latency"]) / best, rewarded / best]
-    turn, turn_rewarded, left, left_rewarded = over
-    yield f"its latency is {turn:.2f} times the best in Turn and {left:.2f} times in left after right"
-    yield f"the largest return takes {turn_rewarded:.2f} and {left_rewarded:.2f} times the best latency"
+        best, rewarded = (sum(row["bound"] for row in select(own, quantity=name)) for name in list(UNITS)[:2])
+        policy = sum(row["policy"] for row in select(own, quantity="latency"))
+        over.append((policy / best, rewarded / best, policy / rewarded))
+    latency, reward, learning = zip(*over, strict=True)
+    yield "its latency is {:.2f} times the best in Turn and {:.2f} times in left after right".format(*latency)
+    yield "the largest return takes {:.2f} and {:.2f} times the best latency".format(*reward)
+    yield "the policy {:.2f} and {:.2f} times that".format(*learning)
 
 
 UNITS = {"latency": ", s", "latency of the largest return": ", s", "escape distance": ", BL", "speed": ", BL/s"}

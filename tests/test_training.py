@@ -51,7 +51,7 @@ from fish_env.training import callbacks, report, report_charts, report_page
 from fish_env.training.build import export_policy, make_env, make_model, start_from
 from fish_env.training.config import CONFIGS, FINE_TUNING, PARENT, Request, settings_for, settings_of
 from fish_env.training.run_folder import CURVE, open_folder, read_curve
-from fish_env.training.synergy import synergies
+from fish_env.training.synergy import SynergyWrapper, synergies
 
 LONGER = {"timesteps": 2048}
 FISH = fish_env.make_fish()
@@ -106,6 +106,19 @@ def test_a_learner_without_twist():
     place, sign, swap = reflection_of(fish)
     np.testing.assert_allclose(policy((obs[:, place] * sign).astype(np.float32)), policy(obs)[:, swap], atol=2e-5)
     assert np.abs(policy(obs) - policy(obs)[:, swap]).max() > 0.05
+
+
+@pytest.mark.parametrize("twist", [False, True])
+@pytest.mark.parametrize("groups", ["muscles", "pairs"])
+def test_one_muscle_on_each_side(groups, twist):
+    """Where there is nothing to combine, a learner commands the muscles."""
+    fish = fish_env.make_fish()
+    upper = np.flatnonzero(fish.heights > 0.0)
+    marks = fish.landmarks._replace(muscles=fish.landmarks.muscles[upper])
+    kept = {name: getattr(fish, name)[upper] for name in ("muscles", "sides", "segments", "contracted")}
+    thin = replace(fish, **kept, fibres=None, drives=None, landmarks=marks)
+    env = SynergyWrapper(fish_env.make_sb3_vec_env("FishEnv/Swim-v0", 2, body=thin, muscle_groups=groups), twist)
+    np.testing.assert_array_equal(env.synergy_matrix, np.eye(6))
 
 
 def test_run_leaves_everything_behind(tmp_path, monkeypatch, capsys):

@@ -22,8 +22,8 @@ class BodyKind:
     description: str
     make: Any
     """The function that builds it, or a text "module:function", which is loaded when it is called."""
-    waters: tuple[str, ...] = WATERS
-    """Levels of water that it is calibrated for."""
+    waters: tuple[str, ...] = ()
+    """Levels of water that it is calibrated for, which `make` then takes as `water`."""
 
     def __post_init__(self):
         load_texts(self, "make")
@@ -32,20 +32,24 @@ class BodyKind:
 BODIES: dict[str, BodyKind] = {
     record.name: record
     for record in (
-        BodyKind("mass_spring", "23 nodes, 91 springs, 12 muscles, calibrated to swim, SI units", make_mass_spring),
-        BodyKind("planar", "the same fish in the plane: 12 nodes, 12 muscles", make_planar),
+        BodyKind(
+            "mass_spring", "23 nodes, 91 springs, 12 muscles, calibrated to swim, SI units", make_mass_spring, WATERS
+        ),
+        BodyKind("planar", "the same fish in the plane: 12 nodes, 12 muscles", make_planar, WATERS),
         BodyKind(
             "two_layer",
             "the same fish as two skins with gas inside and between, 46 nodes",
             "fish_env.soft.two_layer:make_two_layer",
+            WATERS,
         ),
         BodyKind(
             "tetrahedral",
             "the same fish as corotational finite elements, 49 nodes or more",
             "fish_env.soft.tetrahedral:make_tetrahedral",
+            WATERS,
         ),
         BodyKind(
-            "published", "the same topology with the published masses and constants, graphics units", make_published, ()
+            "published", "the same topology with the published masses and constants, graphics units", make_published
         ),
     )
 }

@@ -32,7 +32,7 @@ from fish_env.physics.linearise import Jacobians
 from fish_env.physics.pose import make_pose, packed_pose
 from fish_env.physics.records import World
 from fish_env.physics.tank import Tank
-from fish_env.physics.tank_options import bytes_of, checked_count, whole_steps
+from fish_env.physics.tank_options import bytes_of, checked_count, step_within, whole_steps
 from fish_env.physics.world import checked_water
 from fish_env.tasks import TASKS, Task
 from fish_env.tasks.base import CompiledTask
@@ -90,8 +90,9 @@ class Episodes(Stateful, ReadOnly):
         num_envs = checked_count(num_envs, "num_envs")
         remembered = 2 * self._senses.history + self._senses.observation_delay[1]
         fits_memory(num_envs, bytes_of(fish.body) + bytes_of_episode(fish, remembered), "num_envs")
-        self.tank = Tank(fish, num_envs, integrator, dt, water, threads, dtype, lanes, refine)
         interval = fish.control_interval if control_interval is None else control_interval
+        dt = step_within(fish, integrator, interval) if dt is None else dt
+        self.tank = Tank(fish, num_envs, integrator, dt, water, threads, dtype, lanes, refine)
         self._substeps = whole_steps(interval, self.tank.dt, "control_interval")
         self.control_interval = float(interval)
         self.task.prepare(self.tank, self.control_interval)

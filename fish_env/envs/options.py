@@ -83,16 +83,21 @@ def fish_for(body: str, water: Any) -> Fish:
     return make_fish(body, water=water) if calibrated else make_fish(body)
 
 
+def check_settable(name: str, settable: tuple[str, ...]) -> None:
+    """AttributeError, naming those that can be set while an environment runs, for any other option."""
+    if name not in settable:
+        raise AttributeError(
+            f"{name!r} cannot be set while it runs{similar(name, settable)}; make a new environment, or "
+            f"choose from {settable}"
+        )
+
+
 def set_option(env, name: str, value: Any) -> None:
     """Give an option of a batch another value, which counts from the episodes that begin next; `changed` notes it."""
     # Weights of the reward, `failure_penalty` and `info_every_step` count from the next step. AttributeError for an
     # option that cannot be set while it runs, ValueError for a value that is not allowed.
     task = env.task
-    if name not in env.settable:
-        raise AttributeError(
-            f"{name!r} cannot be set while it runs{similar(name, env.settable)}; make a new environment, or "
-            f"choose from {env.settable}"
-        )
+    check_settable(name, env.settable)
     if name not in env.LIVE:
         made = type(task)(**{**env._task_options, name: value})
         if made.directions != task.directions:

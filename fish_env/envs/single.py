@@ -10,7 +10,7 @@ from gymnasium.wrappers import TimeLimit
 from fish_env.bodies import Fish
 from fish_env.checks import finite_array
 from fish_env.envs.layout import Layout, row_of
-from fish_env.envs.options import checked_seed
+from fish_env.envs.options import check_settable, checked_seed
 from fish_env.envs.senses import check_delays
 from fish_env.envs.state import FishState
 from fish_env.envs.vector import FishVectorEnv, check_render_mode
@@ -156,6 +156,7 @@ class FishEnv(Keywords, gym.Env):
             return super().set_wrapper_attr(name, value, force=force)
         if name == "max_episode_steps":
             raise AttributeError("the time limit of one fish is its wrapper's: give '_max_episode_steps' instead")
+        check_settable(name, self.settable)
         self.fish.set_attr(name, [value])
         return True
 

@@ -157,8 +157,8 @@ def apply_variation(body: Body, world: World, row, length=1.0) -> tuple[Body, Wo
 PART = 0.5  # ratio of the default step to one that is stable
 
 
-def own_step(fish: ElasticObject, integrator: Integrator) -> float:
-    """Default step of a fish, s; ValueError for a method that has no stable step on this body."""
+def own_step(fish: ElasticObject, integrator: Integrator, interval: float | None = None) -> float:
+    """Default step of a fish, s, a whole part of a control interval; ValueError for a method without a stable step."""
     if integrator.name == fish.integrator:
         return fish.time_step
     base = integrator.base(fish.body)
@@ -168,7 +168,15 @@ def own_step(fish: ElasticObject, integrator: Integrator) -> float:
         raise ValueError(
             f"{integrator.name!r} has no known stable step on {fish.name!r}: {why}; give a dt, or choose from {others}"
         )
-    return fish.control_interval / max(1, math.ceil(fish.control_interval / (PART * base)))
+    interval = fish.control_interval if interval is None else interval
+    return interval / max(1, math.ceil(interval / (PART * base)))
+
+
+def step_within(fish: ElasticObject, integrator: str | None, interval) -> float | None:
+    """Default step of another method than a fish's own in a control interval, s; None for its own, or refused ones."""
+    if not isinstance(integrator, str) or integrator not in INTEGRATORS or integrator == fish.integrator:
+        return None
+    return own_step(fish, INTEGRATORS[integrator], real(interval)) if SHORTEST <= real(interval) <= LONGEST else None
 
 
 def available_processors() -> int:

@@ -34,7 +34,7 @@ def synergies(env: FishVectorEnv, size: int | None = None) -> np.ndarray:
     """
     fish, own = env.tank.fish, int(env.groups.max()) + 1
     matrix = np.eye(own)
-    if own < fish.num_muscles:
+    if own <= fish.grouping("pairs").max() + 1:
         return matrix
     if size is not None and size < own:
         return matrix[:, :size][fish.grouping("pairs")]
