@@ -569,7 +569,7 @@ def test_policies_meet_the_same_episodes(tmp_path, capsys):
         replace(swim, about=swim.about | {"env_options": options})
         for options in ({"effort_weight": 0.7}, {"history": 0, "max_episode_steps": 20, "body": "mass_spring"})
     )
-    with pytest.raises(ValueError, match=r"differ in effort_weight \(null and 0.7\); give env, or .* a keyword"):
+    with pytest.raises(ValueError, match=r"differ in effort_weight \(2.2 and 0.7\); give env, or .* a keyword"):
         compare(swim, drag)
     same = compare(swim, drag, effort_weight=0.7, max_episode_steps=20)
     assert same["return"].difference == (0.0, 0.0, 0.0)
