@@ -369,6 +369,14 @@ def test_searched_parameters(body):
     assert rounded({"a": [0.123456, 12345.6], "b": 0.000123456, "c": "trout", "d": None}) == short
 
 
+@pytest.mark.parametrize("water", ["drag", "reactive"])
+@pytest.mark.parametrize("body", SEARCHED)
+def test_every_search_begins_with_a_fish(body, water):
+    """A body takes all that is searched, and what it shares with `mass_spring`."""
+    fish = Search(body, water, np.zeros((1, 1, 12)), None).fish(beginning(body)[0])
+    assert fish.name == body
+
+
 @pytest.mark.slow
 def test_the_search_finds_the_way_back():
     """A body has no distance to its own motion, and a search gets most of the way back from one that was changed."""

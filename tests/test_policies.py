@@ -378,9 +378,13 @@ def test_a_policy_is_in_the_file_that_is_named(tmp_path):
     ):
         with pytest.raises(ValueError, match=message):
             replace(policy, **change).save(tmp_path / "new" / "P.NPZ")
+    for few in (3.0, [], np.zeros(3), np.zeros((156, 1))):
+        with pytest.raises(ValueError, match=r"the observation has shape .*; give \(\.\.\., 156\)"):
+            policy(few)
     with pytest.raises(ValueError, match=r"ends in '\.v1'; give a name that ends in \.npz"):
         policy.save(tmp_path / "policy.v1")
     np.testing.assert_array_equal(load_policy(tmp_path / "new" / "P.NPZ").weights[0], policy.weights[0])
+    assert load_recording(stub_recording().save(tmp_path / "R.NPZ")).steps == stub_recording().steps
 
 
 def damage(change):

@@ -74,10 +74,10 @@ def training(body: str, water: str) -> tuple[np.ndarray, Motion, np.ndarray]:
     return contractions[part], Motion(*(values[part] for values in finest[:5])), weights()[part]
 
 
-def search(body: str, water: str, base: dict, generations: int, _finest: dict) -> dict:
-    """The best parameters that are found, made of those of `mass_spring` in `base`, and their squares."""
+def search(body: str, water: str, _mass_spring: dict, generations: int, _finest: dict) -> dict:
+    """The best parameters that are found, and their squares."""
     contractions, finest, counts = training(body, water)
-    problem = Search(body, water, contractions, finest, base, counts)
+    problem = Search(body, water, contractions, finest, counts)
     with multiprocessing.get_context("spawn").Pool() as pool:
         each = partial(pool.map, chunksize=1)
         found, least = minimise(problem.squares, problem.start, SPREAD[body], generations, 1, 16, each)

@@ -209,14 +209,12 @@ class Search:
         water: the level of water that it is fitted for.
         contractions: (S,K,M) that it is told.
         finest: what the finest body makes of them.
-        base: parameters of the body that are other than those of the package, and that are not searched.
         weights: (S,) factors on the errors of the scenes; None for ones.
     """
 
-    def __init__(self, body: str, water: str, contractions: np.ndarray, finest: Motion, base=None, weights=None):
+    def __init__(self, body: str, water: str, contractions: np.ndarray, finest: Motion, weights=None):
         self.body, self.water, self.contractions, self.finest = body, water, contractions, finest
         self.weights = np.ones(len(contractions)) if weights is None else np.asarray(weights)
-        self.base = {} if base is None else base
         self.start, self.low, self.high = beginning(body)
 
     def fish(self, point) -> Fish:
@@ -225,7 +223,7 @@ class Search:
         Raises:
             ValueError: where there is none, since no masses have the outline's inertia.
         """
-        return make_fish(self.body, water=self.water, **self.base, **parameters(self.body, self.water, point))
+        return make_fish(self.body, water=self.water, **parameters(self.body, self.water, point))
 
     def residuals(self, point) -> np.ndarray:
         """What squares are taken of."""

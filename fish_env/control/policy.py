@@ -69,12 +69,14 @@ class Policy:
             object.__setattr__(self, name, tuple(np.asarray(each, np.float32) for each in getattr(self, name)))
 
     def __call__(self, obs: np.ndarray) -> np.ndarray:
-        """Actions (..., A) for observations (..., D); ValueError for what are no real numbers, such as text."""
+        """Actions (..., A) for observations (..., D); ValueError for other shapes, and for text."""
         if type(obs) is not np.ndarray or obs.dtype.kind not in "fiub":
             try:
                 obs = as_floats(obs)
             except (TypeError, OverflowError, RecursionError) as error:
                 raise ValueError(f"the observation is {obs!r} ({error}); give real numbers") from error
+        if obs.shape[-1:] != self.weights[0].shape[:1]:
+            raise ValueError(f"the observation has shape {obs.shape}; give (..., {self.weights[0].shape[0]})")
         if self.normalisation is not None:
             obs = self.normalisation(obs)
         h = np.array(obs, np.float32, order="C")[..., None, :]  # one by one: in batches products are rounded otherwise
