@@ -624,6 +624,14 @@ def test_what_is_unknown_is_not_stored(tmp_path):
             fingerprint(module.call.py_func)
 
 
+def test_a_large_table_is_not_stored(tmp_path):
+    """A kernel of a table above a megabyte, which compiled code only points to, works; numba says it is not stored."""
+    text = HEAD + "K = np.arange(2e5)\n@njit\ndef call(x):\n    return x * K[int(x)]\n"
+    for _ in range(2):
+        with pytest.warns(numba.NumbaWarning, match="Cannot cache .*call.* as it uses dynamic globals"):
+            assert loads(tmp_path, text) == 0
+
+
 def test_closures_of_one_process():
     """Kernels that close over arrays which differ in one of 6,000 numbers are told apart, inlined or not."""
 

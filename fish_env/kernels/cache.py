@@ -128,6 +128,7 @@ class Place:
         package, _, _ = function.__module__.rpartition(".")
         outside = hashlib.sha256(os.path.dirname(os.path.abspath(file)).encode()).hexdigest()[:16]
         self._path = os.path.join(str(_FOLDER), package if package.split(".")[0] == "fish_env" else outside)
+        self._py_file = file  # which numba names where it warns that a kernel cannot be stored
 
     @classmethod
     def from_function(cls, function, file):
@@ -199,8 +200,7 @@ class SourceCache(FunctionCache):
 
     def __init__(self, function):
         super().__init__(function)
-        base = self._impl.filename_base
-        self._cache_file = KeyedFiles(self._cache_path, base, self._impl.locator.get_source_stamp())
+        self._cache_file = KeyedFiles(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
 
     def load_overload(self, sig, target_context):
         """Load compiled code, or return None and announce the compilation."""
