@@ -237,7 +237,7 @@ def draw() -> None:
                      for seed in seeds]  # fmt: skip
             label = f"{words(short)}, {'a million' if steps > BUDGET else '100,000'} steps"
             mean, dashes = (
-                [interquartile_mean(column) for column in np.transpose(lines)],
+                interquartile_mean(np.transpose(lines)),
                 "-" if steps == BUDGET else "--",
             )
             axis.plot(at / 1000, mean, color=COLOURS.get(short, GREY), ls=dashes, label=label)

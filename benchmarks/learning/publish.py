@@ -274,7 +274,7 @@ def draw_curves(path: Path) -> None:
         unit, factor, _ = UNITS[SCORES[task]]
         for line in lines:
             axes.plot(line[0], factor * line[1], color=BLUE, alpha=0.4, lw=1, label="each seed")
-        mean = [interquartile_mean(column) for column in factor * levels.T]
+        mean = interquartile_mean(factor * levels.T)
         axes.plot(points, mean, color=BLUE, lw=2, label="PPO in training, interquartile mean over seeds")
         score = {"metric": SCORES[task], "task": task, "condition": "", "method": "motor controllers"}
         (level,) = select(read_stored(METHODS), **score)

@@ -64,22 +64,28 @@ class Comparison(NamedTuple):
     """Of the first less the second: the interval is without 0 where they differ by more than chance."""
 
 
+def terms_of(scores: Scores, metric: str) -> np.ndarray:
+    """What each episode adds to a metric's sum and to what that is divided by, (2,N)."""
+    if metric == "time_per_target":
+        return np.stack([scores["seconds"], scores["targets"]])
+    finite = np.isfinite(scores[metric])
+    return np.stack([np.where(finite, scores[metric], 0.0), finite])
+
+
 def seed_mean(scores: Scores, metric: str) -> float:
     """Mean of a metric over a seed's episodes in which it is finite; time per target over all targets together."""
-    if metric == "time_per_target":
-        return float(scores["seconds"].sum() / scores["targets"].sum()) if scores["targets"].sum() else np.nan
-    values = scores[metric]
-    return float(values[np.isfinite(values)].mean()) if np.isfinite(values).any() else np.nan
+    above, below = terms_of(scores, metric).sum(axis=1)
+    return float(above / below) if below else np.nan
 
 
-def interquartile_mean(values: np.ndarray) -> float:
-    """Mean of the middle half; values on the edges count in part."""
-    values = np.sort(values[np.isfinite(values)])
-    if not values.size:
-        return np.nan
-    edges = np.linspace(0.0, 1.0, values.size + 1)
-    weight = np.clip(np.minimum(edges[1:], 0.75) - np.maximum(edges[:-1], 0.25), 0.0, None)
-    return float(weight @ values / weight.sum())
+def interquartile_mean(values: np.ndarray) -> np.ndarray:
+    """Means of the middle halves of the finite values along the last axis; values on the edges count in part."""
+    values = np.sort(np.where(np.isfinite(values), values, np.nan))  # NaN last
+    finite = np.isfinite(values)
+    count, place = finite.sum(axis=-1, keepdims=True), np.arange(values.shape[-1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        weight = np.clip(np.minimum((place + 1) / count, 0.75) - np.maximum(place / count, 0.25), 0.0, None)
+        return np.sum(weight * values, axis=-1, where=finite) / np.sum(weight, axis=-1, where=finite)
 
 
 def wilson(share: float, trials: int) -> tuple[float, float]:
@@ -145,24 +151,20 @@ def difference(first: Interval, second: Interval, draws: np.ndarray, shares: boo
 
 def mean_over_seeds(scores: list[Scores], metric: str) -> float:
     """Interquartile mean over seeds of their means."""
-    return interquartile_mean(np.array([seed_mean(s, metric) for s in scores]))
+    return float(interquartile_mean(np.array([seed_mean(s, metric) for s in scores])))
 
 
 def resampled_means(groups: list[list[Scores]], metric: str, generator: np.random.Generator) -> np.ndarray:
     """Resampled interquartile means of groups of seeds, (RESAMPLES,G): each draws its seeds, all the same episodes."""
-    needed = [
-        [{name: s[name] for name in {metric, "seconds", "targets"} & s.keys()} for s in scores] for scores in groups
-    ]
-    count, found = len(groups[0][0]["return"]), np.empty((RESAMPLES, len(groups)))
+    terms = [np.stack([terms_of(one, metric) for one in scores], axis=1) for scores in groups]
+    count, sums = len(groups[0][0]["return"]), [np.empty((RESAMPLES, 2, len(scores))) for scores in groups]
     for k in range(RESAMPLES):
         pick = generator.integers(count, size=count)
-        for g, scores in enumerate(needed):
-            means = [
-                seed_mean({name: values[pick] for name, values in scores[s].items()}, metric)
-                for s in generator.integers(len(scores), size=len(scores))
-            ]
-            found[k, g] = interquartile_mean(np.array(means))
-    return found
+        for each, found in zip(terms, sums, strict=True):
+            seeds = generator.integers(each.shape[1], size=each.shape[1])
+            found[k] = each.take(pick, axis=2).sum(axis=2)[:, seeds]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.stack([interquartile_mean(found[:, 0] / found[:, 1]) for found in sums], axis=1)
 
 
 def compare(

@@ -89,7 +89,7 @@ def draw_learning_curves(groups: Sequence[list[dict[str, np.ndarray]]], metric: 
                 first, last = max(steps[0] for steps, _ in every), min(steps[-1] for steps, _ in every)
                 between = np.linspace(first, max(first, last), 150)
                 levels = np.array([np.interp(between, *line) for line in every])
-                axes.plot(between, np.apply_along_axis(interquartile_mean, 0, levels), color=colour, lw=2.0)
+                axes.plot(between, interquartile_mean(levels.T), color=colour, lw=2.0)
         for (low, high), change in ((axes.get_xlim(), axes.set_xlim), (axes.get_ylim(), axes.set_ylim)):
             change(1.05 * min(0.0, low), 1.05 * max(0.0, high))  # a small change looks small
         axes.set(xlabel="environment steps", title=title)

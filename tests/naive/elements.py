@@ -125,9 +125,9 @@ def gas_volume(compartments, c, x):
             slope[q, :2] += np.array([-x[p, 1], x[p, 0]]) / 2
             continue
         for (p, q, r), part in triangles(face):
-            volume += part * np.linalg.det(x[[p, q, r]]) / 6
-            for i, j, k in ((p, q, r), (q, r, p), (r, p, q)):
-                slope[i] += part * np.cross(x[j], x[k]) / 6
+            normals = part * np.cross(x[[q, r, p]], x[[r, p, q]]) / 6
+            volume += x[p] @ normals[0]
+            slope[[p, q, r]] += normals
     return volume, slope
 
 

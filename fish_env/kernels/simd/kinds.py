@@ -116,11 +116,13 @@ class Vectors(Lanes):
             raise ValueError(f"memory is {memory.dtype}, {memory.shape}; give contiguous {kind.dtype}, (...,{tail})")
         super().__init__(memory, kind, memory.shape[: memory.ndim - len(tail)])
         self.element = Vec3(1 if kind.lanes == THREAD else kind.lanes, kind.bits)
+        self._floats = floats_in(kind.lanes)
 
     def __getitem__(self, i):
         x, y, z, *_ = self.memory[i]
-        lanes = 1 if self.kind.lanes == XYZ else self.kind.lanes
-        return plain.Vec3(*(plain.read(np.atleast_1d(each)[: floats_in(lanes)], lanes) for each in (x, y, z)))
+        if x.ndim == 0:
+            return plain.Vec3(x, y, z)
+        return plain.Vec3(*(plain.read(each[: self._floats], self.kind.lanes) for each in (x, y, z)))
 
     def __setitem__(self, i, value):
         for k, each in enumerate(value):
