@@ -18,7 +18,8 @@ import fish_env
 from fish_env import __main__ as command_line
 from fish_env.control import chart, compare, load_policy, make_policy_env, play, shipped_policies, shipped_policy
 from fish_env.control.console import run_command
-from fish_env.control.evaluation import evaluate, means
+from fish_env.control.evaluation import evaluate
+from fish_env.control.statistics import means
 from fish_env.physics.tank_options import longest_step
 
 ROOT = Path(__file__).parent.parent

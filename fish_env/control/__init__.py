@@ -26,7 +26,6 @@ from fish_env.control.evaluation import (
     gait_controller,
     make_eval_env,
     make_policy_env,
-    means,
     policy_controller,
     run_episodes,
 )
@@ -38,7 +37,7 @@ from fish_env.control.policy import Normalisation, Policy, load_policy, shipped_
 from fish_env.control.recording import Recording, load_recording
 from fish_env.control.replaying import Replay, record, replay
 from fish_env.control.sequencer import Sequencer, SequencerConfig, random_actions, scripted
-from fish_env.control.statistics import Comparison, Interval, compare
+from fish_env.control.statistics import Comparison, Interval, compare, means
 from fish_env.control.video import write_video
 from fish_env.physics.lazy import lazy_names
 

@@ -358,13 +358,3 @@ def episode_scores(infos: dict[str, Any], i: int) -> dict[str, float]:
         if not name.startswith(("_", "term_")) and name not in NOT_SCORES:
             scores[name] = values[i]
     return {name: float(value) for name, value in scores.items()}
-
-
-def means(scores: Scores) -> dict[str, float | None]:
-    """Mean of every score over the episodes in which it is finite; None if there are none."""
-    finite = {name: values[np.isfinite(values)] for name, values in scores.items()}
-    found = {name: round(float(values.mean()), 4) if values.size else None for name, values in finite.items()}
-    if "time_per_target" in scores:  # all targets together, not the mean of the episodes' means
-        targets = scores["targets"].sum()
-        found["time_per_target"] = round(float(scores["seconds"].sum() / targets), 4) if targets else None
-    return found

@@ -21,8 +21,9 @@ import gymnasium as gym
 import numpy as np
 
 from fish_env.bodies import Fish, make_fish
-from fish_env.control.evaluation import EPISODES, PolicyLike, evaluate, make_eval_env, make_policy_env, means
+from fish_env.control.evaluation import EPISODES, PolicyLike, evaluate, make_eval_env, make_policy_env
 from fish_env.control.policy import Policy, load_policy
+from fish_env.control.statistics import means
 from fish_env.envs import FishVectorEnv, observation_layout
 from fish_env.physics.tank_options import checked_count
 

@@ -19,7 +19,7 @@ import gymnasium as gym
 import numpy as np
 
 from fish_env.control.env_spec import make_checked_batch
-from fish_env.control.evaluation import EPISODES, FIRST_SEED, PolicyLike, Scores, environment_for, evaluate, means
+from fish_env.control.evaluation import EPISODES, FIRST_SEED, PolicyLike, Scores, environment_for, evaluate
 from fish_env.control.policy import Policy, load_policy
 from fish_env.envs import FishVectorEnv
 from fish_env.envs.episode import Episodes
@@ -76,6 +76,12 @@ def seed_mean(scores: Scores, metric: str) -> float:
     """Mean of a metric over a seed's episodes in which it is finite; time per target over all targets together."""
     above, below = terms_of(scores, metric).sum(axis=1)
     return float(above / below) if below else np.nan
+
+
+def means(scores: Scores) -> dict[str, float | None]:
+    """Means of all scores over the episodes in which they are finite; None if there are none."""
+    found = {name: seed_mean(scores, name) for name in scores}
+    return {name: round(mean, 4) if np.isfinite(mean) else None for name, mean in found.items()}
 
 
 def interquartile_mean(values: np.ndarray) -> np.ndarray:
