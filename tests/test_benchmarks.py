@@ -250,6 +250,26 @@ def test_interquartile_mean():
     assert statistics.interquartile_mean(np.array([1.0, 2.0, np.nan])) == pytest.approx(1.5)
 
 
+@pytest.mark.parametrize("metric", ["speed", "time_per_target"])
+def test_resamples_are_drawn_one_by_one(metric, monkeypatch):
+    """All seeds of all groups have the same episodes; means are over finite values, times over all targets together."""
+    monkeypatch.setattr(statistics, "RESAMPLES", 300)
+    rng, one = np.random.default_rng(1), np.random.default_rng(0)
+    speed, seconds, targets = rng.normal(size=(7, 6)), rng.random((7, 6)), rng.integers(0, 2, (7, 6)).astype(float)
+    speed[rng.random((7, 6)) < 0.5] = np.nan
+    values = zip(speed, seconds, targets, strict=True)
+    seeds = [{"return": each[0], "speed": each[0], "seconds": each[1], "targets": each[2]} for each in values]
+    for found in statistics.resampled_means([seeds[:4], seeds[4:]], metric, np.random.default_rng(0)):
+        pick = one.integers(6, size=6)
+        for first, count, value in ((0, 4, found[0]), (4, 3, found[1])):
+            drawn = first + one.integers(count, size=count)
+            above, below = np.nansum(speed[drawn][:, pick], 1), np.isfinite(speed[drawn][:, pick]).sum(1)
+            if metric != "speed":
+                above, below = (part[drawn][:, pick].sum(1) for part in (seconds, targets))
+            means = above[below > 0] / below[below > 0]
+            assert value == pytest.approx(statistics.interquartile_mean(means), nan_ok=True)
+
+
 def test_publishing_fills_in_page_and_files(quick, trained, monkeypatch):
     """Publishing writes seeds, methods and curves, ships the median seed, and fills in the table of the page."""
     monkeypatch.setattr(publish, "PRETRAINED", quick / "pretrained")

@@ -236,10 +236,7 @@ def draw() -> None:
             lines = [np.interp(at, *(np.array([row[k] for row in seed], float) for k in ("trained", "value")))
                      for seed in seeds]  # fmt: skip
             label = f"{words(short)}, {'a million' if steps > BUDGET else '100,000'} steps"
-            mean, dashes = (
-                interquartile_mean(np.transpose(lines)),
-                "-" if steps == BUDGET else "--",
-            )
+            mean, dashes = interquartile_mean(np.transpose(lines)), "-" if steps == BUDGET else "--"
             axis.plot(at / 1000, mean, color=COLOURS.get(short, GREY), ls=dashes, label=label)
         quantity = protocol.TASKS[task][1]
         bound = [row["bound"] for row in read_table("learning/bound.csv", task=task, quantity=quantity)]

@@ -64,8 +64,8 @@ class Comparison(NamedTuple):
     """Of the first less the second: the interval is without 0 where they differ by more than chance."""
 
 
-def terms_of(scores: Scores, metric: str) -> np.ndarray:
-    """What each episode adds to a metric's sum and to what that is divided by, (2,N)."""
+def quotient_of(scores: Scores, metric: str) -> np.ndarray:
+    """Parts of the numerator and of the denominator of a metric's mean, one for each episode, (2,N)."""
     if metric == "time_per_target":
         return np.stack([scores["seconds"], scores["targets"]])
     finite = np.isfinite(scores[metric])
@@ -74,7 +74,7 @@ def terms_of(scores: Scores, metric: str) -> np.ndarray:
 
 def seed_mean(scores: Scores, metric: str) -> float:
     """Mean of a metric over a seed's episodes in which it is finite; time per target over all targets together."""
-    above, below = terms_of(scores, metric).sum(axis=1)
+    above, below = quotient_of(scores, metric).sum(axis=1)
     return float(above / below) if below else np.nan
 
 
@@ -162,11 +162,11 @@ def mean_over_seeds(scores: list[Scores], metric: str) -> float:
 
 def resampled_means(groups: list[list[Scores]], metric: str, generator: np.random.Generator) -> np.ndarray:
     """Resampled interquartile means of groups of seeds, (RESAMPLES,G): each draws its seeds, all the same episodes."""
-    terms = [np.stack([terms_of(one, metric) for one in scores], axis=1) for scores in groups]
+    parts = [np.stack([quotient_of(one, metric) for one in scores], axis=1) for scores in groups]
     count, sums = len(groups[0][0]["return"]), [np.empty((RESAMPLES, 2, len(scores))) for scores in groups]
     for k in range(RESAMPLES):
         pick = generator.integers(count, size=count)
-        for each, found in zip(terms, sums, strict=True):
+        for each, found in zip(parts, sums, strict=True):
             seeds = generator.integers(each.shape[1], size=each.shape[1])
             found[k] = each.take(pick, axis=2).sum(axis=2)[:, seeds]
     with np.errstate(invalid="ignore", divide="ignore"):
